@@ -33,6 +33,7 @@ IMPORTED = (
     "snakemake.script",
     "xraylib",
     "yaml",
+    "fontTools.subset",
     "matplotlib.pyplot",
     "nibabel",
     "numba",
@@ -45,6 +46,9 @@ IMPORTED = (
     "scipy.stats",
     "seaborn",
     "skimage.measure",
+    "sklearn.decomposition",
+    "sklearn.discriminant_analysis",
+    "sklearn.model_selection",
     "threadpoolctl",
 )
 # Variables that configure Python and packages when they are loaded.
@@ -156,6 +160,9 @@ def serve(program, place):
     for name in IMPORTED:
         importlib.import_module(name)
     sys.modules["snakemake.cli"].get_argument_parser()  # finds the plugins, which are imported
+    numba = importlib.import_module("numba.core.registry").cpu_target
+    for context in (numba.typing_context, numba.target_context):
+        context.refresh()  # what Numba knows of Python and NumPy: needed before it loads a compiled function
     gc.freeze()
     waiting, running = selectors.DefaultSelector(), {}
     woken, wake = socket.socketpair()

@@ -146,6 +146,16 @@ def test_page_is_well_formed_and_all_links_lead_to_files(page, results):
     assert outside_resources(own) == ["figures/trust_map.png", "figures/rois.png"]
 
 
+def test_libraries_of_the_chart_are_kept_and_made_again_if_damaged(tmp_path, monkeypatch):
+    made = iter(["1 </script>", "2"])
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(trust_map.vl_convert, "javascript_bundle", lambda vl_version: next(made))
+    assert [trust_map.bundle(), trust_map.bundle()] == [r"1 <\/script>"] * 2
+    (kept,) = tmp_path.rglob("vega*.js")
+    kept.write_text("1")
+    assert [trust_map.bundle(), trust_map.bundle()] == ["2", "2"]
+
+
 def test_answer_comes_first_with_its_reasons(page):
     page_words = text(page)
     assert (

@@ -21,6 +21,7 @@ from virtual_phantom.study.progress.status import duration_range
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
 OF_SCANNER = ["bench", "second", "third"]
 EFFECTS = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]
+QUICK = {"samples": 1, "effects": ["scatter"], "view_step": 3, "check_setup": False}  # checked for bench
 VIEWS, ROWS, COLUMNS = 60, 12, 68
 SCAN = {"trajectory": "circular", "columns": COLUMNS, "rows": ROWS, "column_pitch_mm": 9.5, "row_pitch_mm": 16.0}
 STUDY = {
@@ -188,10 +189,8 @@ def test_invalid_source_of_physics_is_one_line(bench):
     assert "physics has from and scatter; keep one of them" in process.stderr
 
 
-@pytest.fixture(scope="module")
-def further(bench):
-    """The same scans again, with the physics found in them, and as recordings of a scanner."""
-    quick = {"samples": 1, "effects": ["scatter"], "view_step": 3, "check_setup": False}  # checked for bench
+def diagnosis_of_more(bench, target, second=QUICK):
+    """Diagnose the same scans again, with the physics found in them, and as recordings of a scanner."""
     overlay = {
         **STUDY,
         "recordings": {name: str(bench / "bench") for name in ("again", *OF_SCANNER)},
@@ -199,14 +198,22 @@ def further(bench):
             "recordings": {
                 "bench": {"samples": 1, "effects": EFFECTS},
                 "again": {"samples": 1, "effects": EFFECTS, "baseline_from": "bench", "check_setup": False},
-                **dict.fromkeys(OF_SCANNER[1:], quick),
+                "second": second,
+                "third": QUICK,
             },
             "scanners": {"room": {"recordings": OF_SCANNER, "judged_on": OF_SCANNER[2:]}},
         },
     }
-    process = tiny(bench / "results", "diagnosis", overlay=overlay, config_folder=bench / "next")
+    process = tiny(bench / "results", target, overlay=overlay, config_folder=bench / "next")
     assert process.returncode == 0, process.stderr[-4000:]
-    return bench / "results" / "diagnosis", process.stdout
+    return process.stdout
+
+
+@pytest.fixture(scope="module")
+def further(bench):
+    """Folder and output of `diagnosis_of_more`."""
+    printed = diagnosis_of_more(bench, "diagnosis")
+    return bench / "results" / "diagnosis", printed
 
 
 def test_found_physics_is_declared_for_the_next_recording(further):
@@ -230,13 +237,13 @@ def test_recordings_of_a_scanner_are_diagnosed_together(further):
     assert "(judges only)" in (folder / "report.html").read_text()
 
 
-def test_only_outputs_affected_by_a_change_are_made_again(bench):
+def test_only_outputs_affected_by_a_change_are_made_again(bench, further):
     assert planned(diagnosis(bench, "-n")) == {}
-    folder = bench / "results" / "diagnosis" / "bench"
+    folder = further[0] / "second"
     made = {path.name: path.stat().st_mtime_ns for path in (folder / "fits").glob("*.json")}
     assert {"alignment.json", "scatter.json"} <= set(made)  # other effects are fitted if they could win
-    process = diagnosis(bench, effects=[*EFFECTS, "veiling_glare"])
-    assert process.returncode == 0, process.stderr[-4000:]
+    more = ["scatter", "veiling_glare"]
+    diagnosis_of_more(bench, folder / "diagnosis.json", second=QUICK | {"effects": more})
     again = {path.name: path.stat().st_mtime_ns for path in (folder / "fits").glob("*.json")}
     assert "veiling_glare.json" in again.keys() - made.keys()
     assert made.items() <= again.items()

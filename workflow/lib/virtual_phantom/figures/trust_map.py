@@ -12,17 +12,21 @@ References
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import vl_convert
 
+from ..base.cache_folders import temporary_cache, user_cache
+from ..base.errors import InputError
 from ..base.names import label
-from ..io.files import replacing
+from ..io.files import check_unchanged, replacing
 from ..statistics.changes import REPEATABILITY_CUT_OFF
 from ..statistics.robustness import SIZE, USES, acquisition_changes, setting_key, setting_rows
 from . import style
@@ -512,6 +516,18 @@ def save(specification: Mapping, paths: Iterable[str | Path]) -> None:
 
 
 def bundle() -> str:
-    """Return the JavaScript of Vega, Vega-Lite and Vega-Embed (BSD 3-clause) for a page without a network."""
+    """Return the JavaScript of Vega, Vega-Lite and Vega-Embed (BSD 3-clause) for a page without a network.
+
+    The user's cache keeps it, because vl-convert takes a second to make it.
+    """
+    base = user_cache() or temporary_cache() or Path(os.devnull)  # in which no file can exist
+    cached = base / f"vega-lite-{VEGA_LITE}-vl-convert-{version('vl-convert-python')}.js"
+    with contextlib.suppress(Exception):  # a missing or broken file is made again
+        check_unchanged(cached)
+        return cached.read_bytes().decode()
     # End tags in texts of the libraries would end the page's own elements.
-    return re.sub(r"</(?=(?:body|head|html|script)\b)", r"<\\/", vl_convert.javascript_bundle(vl_version=VEGA_LITE))
+    script = re.sub(r"</(?=(?:body|head|html|script)\b)", r"<\\/", vl_convert.javascript_bundle(vl_version=VEGA_LITE))
+    # Without write access the cache is skipped.
+    with contextlib.suppress(OSError, InputError), replacing(cached) as temporary:
+        temporary.write_bytes(script.encode())
+    return script

@@ -57,18 +57,13 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
         Range of values.
     shares : ndarray of float32 or None
         Factor of each value i.
-    line : Line
-        Work arrays of `empty_line`.
+    line : Line or None
+        Work arrays of `empty_line` for a single realization; None for several, so that Numba compiles only their code.
     lanes : tuple
         One item per realization.
     """
-    count = len(lanes)
-    # The x86 code reads beyond the line but must stay within the array.
-    if USE_X86 and count == 1 and slope <= STEEPEST and max(first, second) + length + 2 * WIDTH <= source.size:
-        gather_neighbours(out, at, source, first, second, near, weight, height, slope, start, stop, shares)
-    elif count == 1:
-        _gather_by_loops(out, at, source, first, second, near, weight, height, slope, start, stop, shares, line)
-    else:
+    if line is None:
+        count = len(lanes)
         for i in range(start, stop):
             h = height + slope * np.float32(i)
             k = np.int32(h)
@@ -82,6 +77,11 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
                 out, at + i * count, source, first + cell, second + cell,
                 near * low, near * up, weight * low, weight * up, lanes,
             )  # fmt: skip
+    # The x86 code reads beyond the line but must stay within the array.
+    elif USE_X86 and slope <= STEEPEST and max(first, second) + length + 2 * WIDTH <= source.size:
+        gather_neighbours(out, at, source, first, second, near, weight, height, slope, start, stop, shares)
+    else:
+        _gather_by_loops(out, at, source, first, second, near, weight, height, slope, start, stop, shares, line)
 
 
 @compiled(inline="always", **OPTIONS)
@@ -119,18 +119,8 @@ def scatter_line(out, first, second, source, at, length, near, weight, height, s
 
     The first and last of the `length` cells are padding, which the caller sets to zero; they may be skipped.
     """
-    count = len(lanes)
-    # The x86 code reads beyond the values but must stay within the array.
-    if USE_X86 and count == 1 and FLATTEST <= slope and at + stop + 2 * WIDTH <= source.size:
-        if slope >= ONE_CELL:
-            _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, TWO)
-        elif slope >= TWO_THIRDS:
-            _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, THREE)
-        else:
-            _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, FOUR)
-    elif count == 1:
-        _scatter_by_loops(out, first, second, source, at, near, weight, height, slope, start, stop, line)
-    else:
+    if line is None:
+        count = len(lanes)
         for i in range(start, stop):
             h = height + slope * np.float32(i)
             k = np.int32(h)
@@ -141,6 +131,16 @@ def scatter_line(out, first, second, source, at, length, near, weight, height, s
                 out, first + cell, second + cell, source, at + i * count,
                 near * low, near * up, weight * low, weight * up, lanes,
             )  # fmt: skip
+    # The x86 code reads beyond the values but must stay within the array.
+    elif USE_X86 and FLATTEST <= slope and at + stop + 2 * WIDTH <= source.size:
+        if slope >= ONE_CELL:
+            _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, TWO)
+        elif slope >= TWO_THIRDS:
+            _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, THREE)
+        else:
+            _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, FOUR)
+    else:
+        _scatter_by_loops(out, first, second, source, at, near, weight, height, slope, start, stop, line)
 
 
 @compiled(inline="always", **OPTIONS)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry
 from . import kernels, parallel
+from .columns import empty_line
 from .lanes import aligned_zeros
 from .threads import run_in_threads
 
@@ -133,8 +134,8 @@ class CpuProjector:
         voxels, pixels, taken = volume.reshape(-1), projections.reshape(-1), (self._start(views), len(projections))
 
         def run(first, last):
-            workspace = kernels.empty_lines(self._scan)
-            kernels.back_project(voxels, pixels, *taken, first, last, self._scan, workspace, self._lanes)
+            workspace = kernels.empty_lines(), self._line(self.geometry.rows), self._lanes
+            kernels.back_project(voxels, pixels, *taken, first, last, self._scan, *workspace)
 
         run_in_threads(run, self.grid.shape[1], self.threads)
         return volume
@@ -200,8 +201,8 @@ class CpuProjector:
         voxels, pixels = volume.reshape(-1), projections.reshape(-1)
 
         def run(first, last):
-            workspace = parallel.empty_workspace(nz, views, orbit.rows)
-            parallel.back_project_parallel(voxels, seen, pixels, first, last, scan, workspace, self._lanes)
+            workspace = parallel.empty_workspace(nz, views), self._line(orbit.rows), self._lanes
+            parallel.back_project_parallel(voxels, seen, pixels, first, last, scan, *workspace)
 
         run_in_threads(run, ny, self.threads)
         volume[1:-1, 1:-1, 1:-1] *= (seen == rays.half_turn)[..., None] / np.float32(rays.half_turn)
@@ -212,8 +213,11 @@ class CpuProjector:
 
     def _trace(self, volume, projections, first_view, transpose):
         flat, pixels, views = volume.reshape(-1), projections.reshape(-1), len(projections)
-        workspace = kernels.empty_lines(self._scan)
-        kernels.trace(flat, pixels, first_view, views, self._scan, transpose, workspace, self._lanes)
+        workspace = kernels.empty_lines(), self._line(self.geometry.rows), self._lanes
+        kernels.trace(flat, pixels, first_view, views, self._scan, transpose, *workspace)
+
+    def _line(self, rows):
+        return empty_line(max(rows, self.grid.shape[0])) if self.lanes == 1 else None
 
     def _scale(self, projections, first_view):
         kernels.path_lengths(projections.reshape(-1), first_view, len(projections), self._scan, self._lanes)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.compiled import compiled
-from .columns import empty_line, gather_line, scatter_line
+from .columns import gather_line, scatter_line
 from .joseph import Shadow, planes_between
 from .lanes import OPTIONS
 
@@ -36,8 +36,8 @@ TILE, FEW, WIDER = 16, 4, 64
 # Arguments of gather_line and scatter_line (columns.py) for many pairs of lines:
 # - pair: the first line of the pair; near, weight: the weights of both
 # - height: the cell of the first value; slope: the increment per value
-# - start, stop: the range of values; one: work arrays for one line
-Lines = namedtuple("Lines", "pair near weight height slope start stop one")
+# - start, stop: the range of values
+Lines = namedtuple("Lines", "pair near weight height slope start stop")
 
 
 class Scan(NamedTuple):
@@ -87,10 +87,10 @@ class Scan(NamedTuple):
     first_row: np.ndarray
 
 
-def empty_lines(scan: Scan) -> Lines:
+def empty_lines() -> Lines:
     """Return work arrays of one thread."""
     pair, start, stop = np.empty((3, WIDER), np.int32)
-    return Lines(pair, *np.empty((4, WIDER), np.float32), start, stop, empty_line(max(scan.rows, scan.shape[0])))
+    return Lines(pair, *np.empty((4, WIDER), np.float32), start, stop)
 
 
 @compiled(**OPTIONS)
@@ -201,7 +201,7 @@ def _columns_of_tile(view, x0, x1, y0, y1, scan):
 
 
 @compiled(**OPTIONS)
-def trace(volume, projections, first_view, views, scan, transpose, lines, lanes):
+def trace(volume, projections, first_view, views, scan, transpose, lines, line, lanes):
     """Compute Joseph's projection of some views, or its exact adjoint.
 
     A sample belongs to the tile of the first voxel column that it is interpolated from.
@@ -217,6 +217,8 @@ def trace(volume, projections, first_view, views, scan, transpose, lines, lanes)
         True: the adjoint.
     lines : Lines
         Work arrays of `empty_lines`.
+    line : Line or None
+        See `gather_line`.
     lanes : tuple
         One item per realization.
     """
@@ -228,11 +230,13 @@ def trace(volume, projections, first_view, views, scan, transpose, lines, lanes)
             for i in range(views):
                 first, last = _columns_of_tile(first_view + i, *tile, scan)
                 for column in range(first, last):
-                    _trace_ray(volume, projections, i, first_view + i, column, tile, scan, transpose, lines, lanes)
+                    _trace_ray(
+                        volume, projections, i, first_view + i, column, tile, scan, transpose, lines, line, lanes
+                    )
 
 
 @compiled(inline="always", **OPTIONS)
-def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, lines, lanes):
+def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, lines, line, lanes):
     """Trace the part of one detector column's rays, for all rows, that is in a tile."""
     count = len(lanes)
     nz, ny, nx = scan.shape
@@ -266,12 +270,12 @@ def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, line
         if transpose:
             scatter_line(
                 volume, base, following, projections, pixel, nz + 2, lines.near[k], lines.weight[k],
-                lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], lines.one, lanes,
+                lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], line, lanes,
             )  # fmt: skip
         else:
             gather_line(
                 projections, pixel, volume, base, following, nz + 2, lines.near[k], lines.weight[k],
-                lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, lines.one, lanes,
+                lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, line, lanes,
             )  # fmt: skip
 
 
@@ -294,7 +298,7 @@ def path_lengths(projections, first_view, views, scan, lanes):
 
 
 @compiled(**OPTIONS)
-def back_project(volume, projections, first_view, views, first_y, last_y, scan, lines, lanes):
+def back_project(volume, projections, first_view, views, first_y, last_y, scan, lines, line, lanes):
     """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
 
     Each view has the weight (source to isocenter / depth)^2 of FDK, which the transpose of a forward projection
@@ -346,5 +350,5 @@ def back_project(volume, projections, first_view, views, first_y, last_y, scan, 
                         base = (i * (columns + 2) + lines.pair[k]) * step
                         gather_line(
                             volume, voxel, projections, base, base + step, rows + 2, lines.near[k], lines.weight[k],
-                            lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, lines.one, lanes,
+                            lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, line, lanes,
                         )  # fmt: skip

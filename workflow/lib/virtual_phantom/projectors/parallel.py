@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.compiled import compiled
-from .columns import empty_line, gather_line
+from .columns import gather_line
 from .kernels import span, tile_width
 from .lanes import OPTIONS
 
@@ -82,21 +82,19 @@ class ParallelScan(NamedTuple):
     full: float
 
 
-# Work arrays of one thread, for all views of one direction: total (z,), shares (view, z), four arrays (view,)
-# and those of one line.
-Workspace = namedtuple("Workspace", "total shares near at height slope line")
+# Work arrays of one thread, for all views of one direction: total (z,), shares (view, z), four arrays (view,).
+Workspace = namedtuple("Workspace", "total shares near at height slope")
 
 
-def empty_workspace(slices: int, views: int, rows: int) -> Workspace:
+def empty_workspace(slices: int, views: int) -> Workspace:
     """Return work arrays of one thread."""
     near, height, slope = np.empty((3, views), np.float32)
     shares = np.empty((views, slices), np.float32)
-    at, line = np.empty(views, np.intp), empty_line(max(rows, slices))
-    return Workspace(np.empty(slices, np.float32), shares, near, at, height, slope, line)
+    return Workspace(np.empty(slices, np.float32), shares, near, np.empty(views, np.intp), height, slope)
 
 
 @compiled(**OPTIONS)
-def back_project_parallel(volume, seen, projections, first_y, last_y, scan, workspace, lanes):
+def back_project_parallel(volume, seen, projections, first_y, last_y, scan, workspace, line, lanes):
     """Add parallel-rebinned projections to rows first_y to last_y - 1 of the volume.
 
     Each direction of rays contributes once to a voxel. Views of one direction, half turns apart, are averaged with
@@ -112,6 +110,8 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, work
         [level, angle, t + 2, row + 2, lane].
     workspace : Workspace
         Work arrays of `empty_workspace`.
+    line : Line or None
+        See `gather_line`.
     lanes : tuple
         One item per realization.
     """
@@ -123,7 +123,7 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, work
     columns, rows, half_turn, full = scan.columns, scan.rows, scan.half_turn, scan.full
     sine, cosine, view_of_angle, view_step = scan.sine, scan.cosine, scan.view_of_angle, scan.view_step
     first_t, t_pitch, source_z0, source_step = scan.first_t, scan.t_pitch, scan.source_z, scan.source_step
-    total, shares, near, at, height, slope, line = workspace
+    total, shares, near, at, height, slope = workspace
     angles, levels = len(sine), len(scan.level_z)
     same = -(-angles // half_turn)
     step = (rows + 2) * count
