@@ -6,8 +6,9 @@ import pytest
 
 from benchmarks import common, reproduction
 from virtual_phantom.config.plan import Plan
+from virtual_phantom.features import tables
 from virtual_phantom.features.names import FEATURES
-from virtual_phantom.io.files import read_csv
+from virtual_phantom.io.files import read_csv, write_csv
 from virtual_phantom.statistics import measured, wilcoxon
 
 PLAN = Plan(common.configuration(reproduction.CONFIG))
@@ -84,3 +85,14 @@ def test_page_has_the_tables_of_the_stored_values_of_the_current_settings():
     for path, table in reproduction.page_tables(stored).items():
         assert path.read_text(encoding="utf-8") == table.to_csv(index=False, lineterminator="\n"), path.name
         assert f"<!-- table: {path.name} -->\n" in page, path.name
+
+
+def test_groups_of_a_study_have_ten_repeats_at_its_noise_level(tmp_path):
+    seeds = range(PLAN.repeats(["dose10"]))
+    keys = [(name, seed) for name in PLAN.study.protocols for seed in seeds]
+    table = pd.DataFrame(1.0, range(len(keys)), [*tables.METADATA, *FEATURES])
+    table[["protocol", "seed"]] = keys
+    write_csv(table.assign(noise="dose10"), tmp_path / "features.csv")
+    found = reproduction.groups_of(tmp_path / "features.csv", PLAN)
+    assert dict(zip(found["protocol"], found["group"], strict=True)) == PLAN.groups()
+    assert set(found.value_counts("group")) == {10}
