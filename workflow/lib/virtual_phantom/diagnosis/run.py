@@ -28,6 +28,7 @@ from .selection.screening import screened
 from .selection.transfer import Physics, fit_with_fixed_physics, with_physics_source
 from .selection.trials import trials
 from .setup.check import check_setup, setup_diagnosis
+from .setup.unknown_object import unknown_object_diagnosis
 from .uncertainty.model_error import errors_with_models
 from .verdict.object_mismatch import (
     MOST_PIECES,
@@ -95,6 +96,8 @@ def run_diagnosis(
         For a recording that cannot be read or diagnosed.
     """
     recording = load_recording(request.folder)
+    if request.settings.of_unknown:
+        return unknown_object_diagnosis(recording)
     setup = check_setup(recording, request)
     if setup is not None and setup.kind in SETUP_VERDICTS:
         return setup_diagnosis(setup, recording, request)

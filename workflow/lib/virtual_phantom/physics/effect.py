@@ -404,6 +404,11 @@ def needs_times(name: str) -> bool:
     return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)
 
 
+def needs_lengths(name: str) -> bool:
+    """Whether an effect has a parameter with a length in its unit, so that a scan without a scale cannot show it."""
+    return any("mm" in one.unit or "um" in one.unit for one in load(name).parameters)
+
+
 def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "physics") -> dict[str, dict[str, float]]:
     """Check and complete the settings of effects in a configuration.
 

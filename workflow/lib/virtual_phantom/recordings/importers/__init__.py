@@ -71,7 +71,23 @@ def write_folder(
 
 def write_line_integrals(path: Path, line_integrals: np.ndarray, angles_deg: np.ndarray, **options) -> None:
     """Write line integrals [view, row, column] and angles in the Data Exchange layout. Options are of h5py."""
+    write_projections(path, line_integrals, angles_deg, **options)
+
+
+def write_projections(
+    path: Path,
+    data: np.ndarray,
+    angles_deg: np.ndarray | None,
+    white: np.ndarray | None = None,
+    dark: np.ndarray | None = None,
+    **options,
+) -> None:
+    """Write projections [view, row, column] in the Data Exchange layout: line integrals without a white field."""
     with new_file(path) as file:
-        data = file.create_dataset("exchange/data", data=line_integrals, compression="gzip", **options)
-        data.attrs["log"] = True
-        file.create_dataset("exchange/theta", data=angles_deg).attrs["units"] = "degree"
+        stored = file.create_dataset("exchange/data", data=data, compression="gzip", **options)
+        stored.attrs["log"] = white is None
+        if white is not None:
+            file.create_dataset("exchange/data_white", data=white[None], compression="gzip")
+            file.create_dataset("exchange/data_dark", data=dark[None], compression="gzip")
+        if angles_deg is not None:
+            file.create_dataset("exchange/theta", data=angles_deg).attrs["units"] = "degree"
