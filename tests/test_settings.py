@@ -11,7 +11,13 @@ from virtual_phantom.base.settings import FbpSettings, from_mapping, to_mapping
 from virtual_phantom.config.config import complete
 from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.config.settings import Analyses, Comparison, NoiseLevel, Protocol, Study
-from virtual_phantom.diagnosis.settings import LabelledObject, MaskedObject, RecordingSettings, ShapesObject, UnknownObject
+from virtual_phantom.diagnosis.settings import (
+    LabelledObject,
+    MaskedObject,
+    RecordingSettings,
+    ShapesObject,
+    UnknownObject,
+)
 from virtual_phantom.io.schema import SCHEMA, read_schema
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -96,6 +96,7 @@ def run_diagnosis(
         For a recording that cannot be read or diagnosed.
     """
     recording = load_recording(request.folder)
+    request = request.with_energy(recording.nominal)
     if request.settings.of_unknown:
         return unknown_object_diagnosis(recording)
     setup = check_setup(recording, request)

@@ -10,8 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import ndimage, optimize
 
-from ...base.geometry import OrbitGeometry
+from ...base.geometry import PARALLEL, OrbitGeometry
 from ...base.names import counted, enumerated
 from ...recordings.projections import Projections, ProjectionsRecording, quantized
 from ...recordings.recording import Recording
@@ -29,7 +30,8 @@ MOST_ROWS = 64  # rows that are tested for noise and defects
 FEWEST_VIEWS = 30  # in which an object does not stand still, so that a defect is the pixel's
 LEAST_GOOD = 0.5  # share of the views in which a tested pixel is usable
 MOST_OF_RANGE = 0.1  # spread of air over the range of line integrals; more is not air
-BINS = 12  # of the transmission, for noise against signal
+BINS, FEWEST_IN_BIN = 12, 100  # of the transmission, for noise against signal; fewest rays, as all rays over this
+SMOOTH = 5  # views and columns over which the signal is averaged
 DEFECTIVE, LEAST_DEFECT = 10.0, 0.02  # robust standard deviations, and line integrals, between neighboring pixels
 SIGNIFICANT = 4.0  # standard errors, or ratio to noise
 SATURATES = 0.7  # ratio of the spreads of sums over parallel views, below which a saturation explains them
@@ -108,7 +110,7 @@ def _unknown(recording: Recording, findings: list[DataFinding]) -> list[str]:
             found.append("the view angles are not known")
         if recording.scan.get("length_unit") == ELEMENT:
             found.append("lengths are in detector elements")
-        if "tube_kvp" not in recording.nominal and recording.scan.get("beam") != "parallel":
+        if "tube_kvp" not in recording.nominal and recording.scan.get("beam") != PARALLEL:
             found.append("the tube voltage is not stated")
     return found
 
@@ -125,8 +127,8 @@ def _helpful_facts(recording: Recording, findings: list[DataFinding]) -> list[st
         facts.insert(0, "the counts as the detector read them, with a flat field")
     if scan.get("length_unit") == ELEMENT:
         facts.append("the pixel size in mm")
-    if scan.get("beam") == "parallel":
-        facts.append("the energy of the beam")
+    if scan.get("beam") == PARALLEL:
+        facts += ["the energy of the beam"] * ("energy_kev" not in recording.nominal)
     elif "tube_kvp" not in recording.nominal:
         facts.append("tube voltage and filter")
     return facts
@@ -139,16 +141,21 @@ def _projection_findings(recording: ProjectionsRecording) -> tuple[list[DataFind
     findings = [*_stored(recording, first), *_dark(first)]
     level, air = _air(mean)
     findings.append(air)
-    findings += _defects(mean, taken.usable)
+    row = mean.shape[1] // 2
+    step = -(-mean.shape[1] // MOST_ROWS)
+    rows = np.arange(row % step, mean.shape[1], step)
+    defective = _defective(mean[:, rows], taken.usable[:, rows])
+    findings += _defects(defective, rows)
     known_angles = recording.scan.get("angles_deg") != UNKNOWN
     clipped = any(finding.subject == "stored values" for finding in findings)
     noise = None if clipped else _noise(taken, level or 0.0)
     findings += [] if noise is None else [noise]
-    middle = mean[:, mean.shape[1] // 2] - (level or 0.0)
+    middle, good = mean[:, row] - (level or 0.0), ~defective[row // step]
+    middle = np.stack([np.interp(np.arange(good.size), np.flatnonzero(good), view[good]) for view in middle])
     differences, of = np.diff(middle, axis=1), "neighboring columns"
     if known_angles:
         findings += _repeated_views(taken, geometry)
-        if level is not None and taken.usable[:, mean.shape[1] // 2].mean() > 0.9:
+        if level is not None and taken.usable[:, row].mean() > 0.9:
             found, opposite = _consistency(middle, geometry)
             findings += found
             if opposite is not None:
@@ -201,27 +208,28 @@ def _air(lines: np.ndarray) -> tuple[float | None, DataFinding]:
     return level, DataFinding("air", text, {"level": level, "sd": spread}, wrong)
 
 
-def _defects(lines: np.ndarray, usable: np.ndarray) -> Iterator[DataFinding]:
-    """Yield defective pixels, which differ from both neighbors in most views, and the pattern of the others."""
+def _defective(lines: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Return pixels that differ from both neighbors in most views, shape (rows, columns)."""
+    found = np.zeros(lines.shape[1:], bool)
     if lines.shape[2] < 8 or len(lines) < FEWEST_VIEWS:
-        return
-    step = -(-lines.shape[1] // MOST_ROWS)
-    some, good = lines[:, ::step], usable[:, ::step]
-    second = some[..., 1:-1] - (some[..., :-2] + some[..., 2:]) / 2
-    good = good[..., 1:-1] & good[..., :-2] & good[..., 2:]
+        return found
+    second = lines[..., 1:-1] - (lines[..., :-2] + lines[..., 2:]) / 2
+    good = usable[..., 1:-1] & usable[..., :-2] & usable[..., 2:]
     typical = np.where(good.mean(axis=0) > LEAST_GOOD, np.median(np.where(good, second, 0.0), axis=0), 0.0)
-    spread = float(np.sqrt(np.median(typical**2) / MEDIAN_SQUARE))
-    size = np.abs(typical)
-    peak = size >= np.maximum(np.pad(size, ((0, 0), (1, 0)))[:, :-1], np.pad(size, ((0, 0), (0, 1)))[:, 1:])
-    rows, columns = np.nonzero(peak & (size > DEFECTIVE * spread) & (size > LEAST_DEFECT))
-    if len(columns):
-        fan, pixels = lines.shape[1] == 1, zip(rows, columns, strict=True)
-        what = "column" if fan else "pixel"
-        names = [str(column + 1) if fan else f"row {row * step} column {column + 1}" for row, column in pixels]
+    spread, size = float(np.sqrt(np.median(typical**2) / MEDIAN_SQUARE)), np.abs(typical)
+    found[:, 1:-1] = (size > max(DEFECTIVE * spread, LEAST_DEFECT)) & (size == ndimage.maximum_filter(size, (1, 3)))
+    return found
+
+
+def _defects(defective: np.ndarray, rows: np.ndarray) -> Iterator[DataFinding]:
+    """Yield the defective pixels, shape (tested rows, columns)."""
+    if defective.any():
+        fan, pixels = len(defective) == 1, np.argwhere(defective)
+        names = [f"{column}" if fan else f"row {rows[row]} column {column}" for row, column in pixels]
         listed = ", ".join(names[:NAMED_PIXELS]) + (", ..." if len(names) > NAMED_PIXELS else "")
-        tested = "" if step == 1 else f" in one of {step} rows"
-        text = f"{counted(len(columns), f'defective {what}')}{tested} ({listed})"
-        yield DataFinding("defective pixels", text, {"count": float(len(columns))}, True)
+        of = f" in {len(rows)} tested rows" if len(rows) > 1 else ""
+        text = f"{counted(len(names), 'defective column' if fan else 'defective pixel')}{of} ({listed})"
+        yield DataFinding("defective pixels", text, {"count": float(len(names))}, True)
 
 
 def _noise(taken: Scans, air: float) -> DataFinding | None:
@@ -237,20 +245,23 @@ def _noise(taken: Scans, air: float) -> DataFinding | None:
     lines = np.where(good, lines, np.nan)
     second = lines[:-2] - 2 * lines[1:-1] + lines[2:]
     second = (second[..., :-2] - 2 * second[..., 1:-1] + second[..., 2:]) / 6  # variance 36 for independent noise
-    transmission = np.exp(-lines[1:-1, :, 1:-1])
+    # Of rays and their neighbors together, as noise would select rays with noise of one sign.
+    filled = np.where(good, lines, np.median(lines[good]))
+    transmission = np.exp(-ndimage.uniform_filter(filled, (SMOOTH, 1, SMOOTH)))[1:-1, :, 1:-1]
     keep = np.isfinite(second)
     if np.count_nonzero(keep) < 100 * BINS:
         return None
     second, transmission = (second * transmission)[keep], transmission[keep]  # noise of the transmission
-    edges = np.quantile(transmission, np.linspace(0, 1, BINS + 1))
+    edges = np.linspace(transmission.min(), transmission.max(), BINS + 1)
     which = np.clip(np.searchsorted(edges, transmission, side="right") - 1, 0, BINS - 1)
+    rays = np.bincount(which, minlength=BINS)
+    bins = np.flatnonzero(rays > rays.sum() / FEWEST_IN_BIN)
     signal, variance = (
-        np.array([float(value(part[which == k])) for k in range(BINS) if (which == k).any()])
-        for value, part in ((np.median, transmission), (np.median, second**2 / MEDIAN_SQUARE))
+        np.array([np.median(part[which == k]) for k in bins]) for part in (transmission, second**2 / MEDIAN_SQUARE)
     )
-    floor, slope = np.linalg.lstsq(
-        np.stack([np.ones_like(signal), signal], axis=1) / variance[:, None], np.ones_like(signal), rcond=None
-    )[0]
+    weights = np.sqrt(rays[bins]) / variance
+    terms = np.stack([np.ones_like(signal), signal], axis=1)
+    floor, slope = optimize.nnls(terms * weights[:, None], variance * weights)[0]
     of_air = float(np.sqrt(variance[-1]) / signal[-1])
     text = f"noise between neighbors is {of_air:.2g} of the signal of the least attenuated rays"
     values = {"relative_sd": of_air, "transmission": float(signal[-1])}

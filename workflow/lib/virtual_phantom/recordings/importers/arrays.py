@@ -83,7 +83,8 @@ def read_frames(source: str | Path, dataset: str | None = None) -> Frames:
 def _image(path: Path) -> np.ndarray:
     with reading(path, "image"):
         if path.suffix.lower() in TIFF:
-            return tifffile.imread(path)
+            with tifffile.TiffFile(path) as file:
+                return file.series[0].asarray()
         with Image.open(path) as image:
             return np.asarray(image)
 

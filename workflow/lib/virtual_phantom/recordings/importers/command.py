@@ -96,6 +96,7 @@ def _add_array_options(options: argparse.ArgumentParser) -> None:
     unit = "unit of these lengths (default: mm); element: detector elements, if the scale is not known"
     options.add_argument("--unit", choices=tuple(UNITS), default="mm", help=unit)
     options.add_argument("--tube-kvp", type=float, help="tube voltage, kV")
+    options.add_argument("--energy-kev", type=float, help="energy of a monochromatic beam, keV")
     options.add_argument(
         "--not-checked", default=(), type=lambda text: text.split(","), help="size: accept any lengths"
     )

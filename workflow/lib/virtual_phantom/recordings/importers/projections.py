@@ -41,6 +41,7 @@ def import_projections(
     pixel: Sequence[float] = (1.0,),
     unit: str = "mm",
     tube_kvp: float | None = None,
+    energy_kev: float | None = None,
     not_checked: Sequence[str] = (),
 ) -> Recording:
     """Write a recording of projections and load it.
@@ -106,7 +107,9 @@ def import_projections(
         note(f"{source}: no dark field; the dark signal is taken as 0")
         arrays[2] = np.zeros(arrays[0].shape[1:])
     files = source_files(source, flat, dark, angles)
-    nominal, remarks = {"tube_kvp": tube_kvp} if tube_kvp else {}, quantized(frames.data) if bin > 1 else ()
+    stated = {"tube_kvp": tube_kvp, "energy_kev": energy_kev}
+    nominal = {key: value for key, value in stated.items() if value is not None}
+    remarks = quantized(frames.data) if bin > 1 else ()
     return write_recording(folder, phantom, arrays, scan, nominal, "projections", files, not_checked, remarks)
 
 
