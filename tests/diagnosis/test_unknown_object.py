@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import virtual_phantom as vp
 from virtual_phantom.base.data import SCHEMAS
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
@@ -62,6 +63,19 @@ def diagnosed(folder, lines, noise=0.002, **options):
     found = run_diagnosis(request, [], {})
     validate(found.content, read_schema(SCHEMAS / "diagnosis.schema.yaml"), "diagnosis.json")
     return found, {check["subject"]: check for check in found.content["data_checks"]}
+
+
+def test_known_object_without_a_scale(tmp_path, monkeypatch):
+    monkeypatch.setattr(f"{__name__}.ELLIPSES", ((3.0, -2.0, 50, 50, 0, 0.02),))
+    np.save(tmp_path / "disc.npy", fan(shift=0.5, views=30))
+    import_projections(tmp_path / "disc.npy", tmp_path / "disc", log=True, angles="0,12", unit="element", **FAN)
+    options = {"alignment": {"scale": 1.0, "x_mm": 5.0, "y_mm": 5.0}, "effects": ["detector_offset"], "samples": 2}
+    content = vp.diagnose(tmp_path / "disc", disc=(100.0, "pmma"), **options).content
+    assert content["verdict_lines"][0].startswith("Not determined: spectrum, scatter and other effects")
+    assert "element" in content["modelled"]["scan"] and "mm" not in content["modelled"]["scan"]
+    assert any("state the pixel size" in line for line in content["caveats"])
+    (offset,) = content["effects"]
+    assert offset["parameters"]["columns_px"]["value"] == pytest.approx(0.5, abs=0.05)
 
 
 def test_consistent_data_have_nothing_wrong(tmp_path):

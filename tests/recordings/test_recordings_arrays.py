@@ -106,7 +106,7 @@ def test_matlab_sinogram_in_detector_elements(tmp_path):
     assert "lengths are in detector elements" in recording.notes[0]
     assert "elements" in summarize_recording(recording)["text"]
     tried = candidates(RecordingSettings(None, None, {}), **candidate_conditions(recording.document.content))
-    assert {"optical_crosstalk", "detector_offset"} <= set(tried)
+    assert {"optical_crosstalk", "detector_offset", "gain_pattern"} <= set(tried)
     assert not {"spectrum", "focal_spot", "veiling_glare", "source_distance"} & set(tried)
 
 

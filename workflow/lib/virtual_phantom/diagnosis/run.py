@@ -14,6 +14,7 @@ from ..base.streams import Branch
 from ..physics.effect import applicable_effects
 from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
+from ..recordings.scan import ELEMENT
 from ..statistics.proof_record import SeedResult, with_coverage
 from .assumptions import model_assumptions
 from .comparison.regions import ScannedVolume
@@ -43,6 +44,7 @@ from .verdict.unmodeled import ChangesOfFits
 from .verdict.verdict import Diagnosis, diagnose
 from .verdict_text import SETUP_VERDICTS, recording_lines, with_verdict_text
 
+WITHOUT_SCALE = "spectrum, scatter and other effects of lengths in mm, as lengths are in detector elements"
 # Called after the set-up check; returns the cached fits of an earlier run and the progress of this one.
 StartOfFits = Callable[[DiagnosisRequest, Recording], tuple[FitCache | None, DiagnosisProgress]]
 
@@ -128,6 +130,8 @@ def run_diagnosis(
         content = judge_relevance(content, thresholds)
     if setup is not None:
         content["setup"] = dict(setup.content)
+    if recording.scan.get("length_unit") == ELEMENT:
+        content["not_determined"] = WITHOUT_SCALE
     content = with_verdict_text(content, recording_lines(content, stated_location))
     return replace(found, content=content, scanned=scanned)
 

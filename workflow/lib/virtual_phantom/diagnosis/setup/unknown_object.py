@@ -245,7 +245,7 @@ def _noise(taken: Scans, air: float) -> DataFinding | None:
     lines = np.where(good, lines, np.nan)
     second = lines[:-2] - 2 * lines[1:-1] + lines[2:]
     second = (second[..., :-2] - 2 * second[..., 1:-1] + second[..., 2:]) / 6  # variance 36 for independent noise
-    # Of rays and their neighbors together, as noise would select rays with noise of one sign.
+    # The mean of neighbors, because single values would sort rays by the sign of their noise.
     filled = np.where(good, lines, np.median(lines[good]))
     transmission = np.exp(-ndimage.uniform_filter(filled, (SMOOTH, 1, SMOOTH)))[1:-1, :, 1:-1]
     keep = np.isfinite(second)
