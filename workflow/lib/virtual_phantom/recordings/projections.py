@@ -204,7 +204,7 @@ def _has_theta(path: Path) -> bool:
 def _check_theta(path: Path, file: h5py.File, geometry: OrbitGeometry) -> None:
     if "exchange/theta" not in file:
         return
-    theta = _theta(path, file["exchange/theta"])
+    theta = theta_degrees(path, file["exchange/theta"])
     if theta.shape != (geometry.views,):
         raise InputError(
             f"{path}: /exchange/theta has {theta.size} angles for {geometry.views} views; store one angle per view"
@@ -219,20 +219,20 @@ def _check_theta(path: Path, file: h5py.File, geometry: OrbitGeometry) -> None:
         )
 
 
-def _theta(path: Path, data: h5py.Dataset) -> np.ndarray:
-    """Return the angles in degrees, shape (angles,). The attribute units may be radians."""
+def theta_degrees(path: Path, data: h5py.Dataset) -> np.ndarray:
+    """Return the angles of a dataset in degrees, shape (angles,). The attribute units may be radians."""
     if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "uif":
         kind = f"type {data.dtype}" if isinstance(data, h5py.Dataset) else "the type group"
-        raise InputError(f"{path}: /exchange/theta has {kind}; store one angle per view, in degrees")
+        raise InputError(f"{path}: {data.name} has {kind}; store one angle per view, in degrees")
     if data.shape is None or max(data.shape, default=1) != data.size:
         raise InputError(
-            f"{path}: /exchange/theta has the shape {data.shape}; store one angle per view, as one row or column"
+            f"{path}: {data.name} has the shape {data.shape}; store one angle per view, as one row or column"
         )
     units = data.attrs.get("units", "")
     units = np.ravel(units)[0] if np.size(units) == 1 else str(units)  # some writers store text in arrays of one
     unit = (units.decode(errors="replace") if isinstance(units, bytes) else str(units)).strip().lower().rstrip(".")
     if unit not in TO_DEGREES:
-        raise InputError(f"{path}: the attribute units of /exchange/theta is {unit!r}; use degrees or radians")
+        raise InputError(f"{path}: the attribute units of {data.name} is {unit!r}; use degrees or radians")
     return np.asarray(data[...], float).ravel() * TO_DEGREES[unit]
 
 

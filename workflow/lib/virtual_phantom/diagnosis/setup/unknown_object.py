@@ -35,7 +35,7 @@ SMOOTH = 5  # views and columns over which the signal is averaged
 DEFECTIVE, LEAST_DEFECT = 10.0, 0.02  # robust standard deviations, and line integrals, between neighboring pixels
 SIGNIFICANT = 4.0  # standard errors, or ratio to noise
 SATURATES = 0.7  # ratio of the spreads of sums over parallel views, below which a saturation explains them
-SAME_ANGLE_DEG = 0.02
+SAME_ANGLE_DEG = 0.02  # views are repeated if their angles differ by less
 BLOCK = 16  # voxels along a side of blocks of images, whose standard deviation is measured
 NAMED_PIXELS = 4  # defective pixels in a text
 

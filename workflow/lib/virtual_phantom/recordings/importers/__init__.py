@@ -6,16 +6,18 @@ of its sources and checks the result by loading it.
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
 import yaml
 
 from ...base.errors import InputError, InputErrors, lines_of
+from ...io.files import sha256
 from ...io.hdf5 import new_file
 from ..document import FILE_NAME
 from ..reading import load_recording
@@ -67,6 +69,12 @@ def write_folder(
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return load_recording(folder)
+
+
+def one_checksum(paths: Collection[Path]) -> dict:
+    """Return one checksum of many files for `origin`: sha256sum * | cut -d' ' -f1 | sort | sha256sum."""
+    lines = "".join(f"{digest}\n" for digest in sorted(map(sha256, paths)))
+    return {"files": len(paths), "sha256": [hashlib.sha256(lines.encode()).hexdigest()]}
 
 
 def write_line_integrals(path: Path, line_integrals: np.ndarray, angles_deg: np.ndarray, **options) -> None:

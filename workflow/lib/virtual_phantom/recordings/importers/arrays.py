@@ -15,6 +15,7 @@ from scipy.io import loadmat
 
 from ...base.errors import InputError, reading
 from ...base.names import enumerated
+from ..projections import theta_degrees
 
 TIFF, IMAGES = (".tif", ".tiff"), (".tif", ".tiff", ".png", ".bmp")
 HDF5 = (".h5", ".hdf5", ".hdf", ".nxs")
@@ -158,7 +159,9 @@ def _hdf5(path: Path, dataset: str | None) -> Frames:
                 raise InputError(f"{path}: has {len(names)} arrays ({_listed(names)}); name one with --dataset")
             (data,) = largest
         beside = {name.rpartition("/")[2]: item for name, item in found.items()}
-        angles = next((_degrees(beside[name]) for name in ("theta", "rotation_angle") if name in beside), None)
+        angles = next(
+            (theta_degrees(path, beside[name]) for name in ("theta", "rotation_angle") if name in beside), None
+        )
         flat, dark = (data.parent.get(name) for name in ("data_white", "data_dark"))
         flat, dark = (item[...] if isinstance(item, h5py.Dataset) else None for item in (flat, dark))
         keys, values = beside.get("image_key"), data[...]
@@ -168,10 +171,3 @@ def _hdf5(path: Path, dataset: str | None) -> Frames:
             flat, dark = (values[key == kind] if (key == kind).any() else None for kind in (FLAT, DARK))
             values = values[key == PROJECTION]
         return Frames(values, flat, dark, angles, str(data.attrs.get("log", "")).lower() in ("true", "1"))
-
-
-def _degrees(angles: h5py.Dataset) -> np.ndarray:
-    unit = angles.attrs.get("units", "degree")
-    unit = unit.decode() if isinstance(unit, bytes) else str(unit)
-    values = np.ravel(angles[...]).astype(float)
-    return np.rad2deg(values) if unit.strip().lower().startswith("rad") else values

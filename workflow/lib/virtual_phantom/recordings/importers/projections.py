@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,11 +10,11 @@ import numpy as np
 from ...base.console import note
 from ...base.errors import InputError
 from ...base.geometry import PARALLEL
-from ...io.files import files_of, sha256
+from ...io.files import files_of
 from ..projections import THETA_TOLERANCE, quantized
 from ..recording import Recording
 from ..scan import ELEMENT, UNKNOWN
-from . import write_folder, write_projections
+from . import one_checksum, write_folder, write_projections
 from .arrays import Frames, read_frames
 
 AXES = "vrc"  # view, row, column
@@ -143,21 +142,15 @@ def write_recording(
         "scan": scan,
         **({"not_checked": list(not_checked)} if not_checked else {}),
         "nominal": nominal,
-        "origin": {"importer": importer, "sha256": [sha256(path) for path in files]},
+        "origin": {"importer": importer, **one_checksum(files)},
         "repeats": ["projections.h5"],
     }
-    if len(files) > 1:  # one checksum each would fill recording.yaml
-        content["origin"] = {"importer": importer, "files": len(files), "sha256": [_checksum(files)]}
     return write_folder(folder, "projections", phantom, content, write)
 
 
 def source_files(*given: str | Path | None) -> list[Path]:
     """Return the files among options, with the files in folders."""
     return [path for name in given if name and Path(name).exists() for path in files_of(name)]
-
-
-def _checksum(files: Sequence[Path]) -> str:
-    return hashlib.sha256("\n".join(sorted(map(sha256, files))).encode()).hexdigest()
 
 
 def arranged(array: np.ndarray, axes: str | None, source: str | Path) -> np.ndarray:
