@@ -128,6 +128,20 @@ def check_accuracy(accuracy: Mapping[str, float]) -> None:
             )
 
 
+def require_angles(content: Mapping, source: str) -> None:
+    """Check that recording.yaml states the view angles, or how they follow.
+
+    Raises
+    ------
+    InputError
+        If they are unknown.
+    """
+    if content.get("scan", {}).get("angles_deg") == UNKNOWN:
+        raise InputError(
+            f"{source}: the view angles are not known (scan.angles_deg); state them, or object: {{unknown: true}}"
+        )
+
+
 def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping) -> None:
     """Check that settings under `diagnosis.recordings` fit the kinds of the recordings.
 
@@ -145,10 +159,8 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
             raise InputError(f"{where}: holds images; name the protocol that simulates them as `protocol`")
         if kind == "projections" and settings.protocol is not None:
             raise InputError(f"{where}.protocol: projections have their own geometry; remove this key")
-        if recordings[name].content.get("scan", {}).get("angles_deg") == UNKNOWN and not settings.of_unknown:
-            raise InputError(
-                f"{where}: the view angles are not known (scan.angles_deg); state them, or object: {{unknown: true}}"
-            )
+        if not settings.of_unknown:
+            require_angles(recordings[name].content, where)
         other = settings.physics_from
         if other is not None and (of := recordings[other].content["kind"]) != kind:
             raise InputError(

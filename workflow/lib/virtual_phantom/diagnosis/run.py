@@ -17,6 +17,7 @@ from ..recordings.recording import Recording
 from ..recordings.scan import ELEMENT
 from ..statistics.proof_record import SeedResult, with_coverage
 from .assumptions import model_assumptions
+from .candidate_effects import require_angles
 from .comparison.regions import ScannedVolume
 from .comparison.relevance import judge_relevance
 from .preparation import compare_images, prepare_recording
@@ -101,6 +102,7 @@ def run_diagnosis(
     request = request.with_energy(recording.nominal)
     if request.settings.of_unknown:
         return unknown_object_diagnosis(recording)
+    require_angles(recording.document.content, str(recording.document.path))
     setup = check_setup(recording, request)
     if setup is not None and setup.kind in SETUP_VERDICTS:
         return setup_diagnosis(setup, recording, request)
