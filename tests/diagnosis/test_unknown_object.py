@@ -8,8 +8,11 @@ from virtual_phantom.base.data import SCHEMAS
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.diagnosis.settings import RecordingSettings, UnknownObject
+from virtual_phantom.diagnosis.setup.descriptions import descriptions
+from virtual_phantom.diagnosis.setup.mismatch import Comparison
 from virtual_phantom.io.schema import read_schema, validate
 from virtual_phantom.physics.beam.materials import Segmentation
+from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.recordings.importers.projections import import_projections
 from virtual_phantom.report.diagnosis import write_results
 
@@ -76,6 +79,16 @@ def test_known_object_without_a_scale(tmp_path, monkeypatch):
     assert any("state the pixel size" in line for line in content["caveats"])
     (offset,) = content["effects"]
     assert offset["parameters"]["columns_px"]["value"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_small_scanner_is_accepted_by_the_check_of_the_setup(tmp_path):
+    np.save(tmp_path / "disc.npy", fan(views=30))
+    small = {"source_to_axis": 25.0, "source_to_detector": 500.0, "pixel": [0.2]}
+    options = {"log": True, "angles": "0,12", "not_checked": ["size"], **small}
+    recording = import_projections(tmp_path / "disc.npy", tmp_path / "disc", **options)
+    lines = recording.repeats[0].data[None]
+    comparison = Comparison(DiscScene(1.0, "pmma"), lines, lines[0] > -1, (10, 1, 40), {}, None, ["size"])
+    assert comparison.rays(next(descriptions(recording.scan, True, 1.0))).geometry.magnification == 20
 
 
 def test_consistent_data_have_nothing_wrong(tmp_path):
