@@ -343,8 +343,8 @@ def _linearity(views: np.ndarray) -> Iterator[DataFinding]:
     if sums.spread_corrected < SATURATES * sums.spread:
         values |= {"saturation": sums.saturation, "spread_corrected": sums.spread_corrected}
         text += (
-            f", and by {100 * sums.spread_corrected:.2g} % if line integrals saturate at {sums.saturation:.3g}: beam "
-            "hardening, scatter or both, which these data do not distinguish"
+            f"; {100 * sums.spread_corrected:.2g} % remain if a saturation at {sums.saturation:.3g} is corrected (beam "
+            "hardening, scatter or both, which these data do not distinguish)"
         )
     else:
         text += ", which no saturation explains: exposure, object or geometry changed within the scan"
