@@ -291,6 +291,7 @@ def test_phantom_of_shapes_needs_its_object_and_no_overlay():
         ({"labels": "a.nii.gz"}, "x.object needs kind (an object of shapes), mask and material, or labels and"),
         ({"kind": "ball", "mask": "a.nii.gz"}, "x.object has both mask and kind"),
         ({"labels": "a.nii.gz", "materials": {1: "pmma"}, "material": "pmma"}, "x.object has both material and labels"),
+        ({"kind": "ball", "unknown": True}, "x.object has both kind and unknown"),
         ({"kinds": "ball"}, "did you mean 'kind'?"),
     ],
 )
@@ -547,6 +548,10 @@ def test_bundles_do_not_change_if_an_analysis_needs_more():
         ({"physics_from": "a", "effects": ["scatter"]}, "has both effects and physics_from"),
         ({"baseline_from": "c"}, "diagnosis.recordings.b.baseline_from is 'c'; name another diagnosed recording: a"),
         ({"baseline_from": "b"}, "diagnosis.recordings.b.baseline_from is 'b'; name another diagnosed recording: a"),
+        (
+            {"object": {"unknown": True}, "effects": ["scatter"]},
+            "diagnosis.recordings.b has an unknown object, so that effects has no meaning; remove one of them",
+        ),
         ({"baseline_from": "a", "physics_from": "a"}, "b has both physics_from and baseline_from; keep one of them"),
     ],
 )

@@ -27,6 +27,7 @@ from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
+from virtual_phantom.recordings.importers.projections import import_projections
 from virtual_phantom.recordings.public_scans import fetch
 from virtual_phantom.recordings.public_scans.files import find_scans
 from virtual_phantom.recordings.public_scans.table import select_scans
@@ -136,6 +137,11 @@ def cut_short():
     whole = (folder / "a.h5").read_bytes()
     (folder / "a.h5").write_bytes(whole[: len(whole) // 2])
     load_recording(folder)
+
+
+def without_flat():
+    np.save("ct.npy", np.ones((24, 4, 40)))
+    import_projections("ct.npy", "ct")
 
 
 def without_white():
@@ -356,6 +362,7 @@ MISTAKES = {
     ),
     "Times that contradict each other": (slower, "bench/recording.yaml"),
     "An array of another shape": (lambda: bench(data=np.ones((24, 40))), "bench/b.h5"),
+    "An array of counts without a flat field": (without_flat, "ct.npy"),
     "Counts without their white field": (without_white, "bench/a.h5"),
     "A file that was cut short": (cut_short, "bench/a.h5"),
     "No program to fetch with": (without_s5cmd, "s5cmd"),

@@ -11,7 +11,13 @@ from virtual_phantom.base.settings import FbpSettings, from_mapping, to_mapping
 from virtual_phantom.config.config import complete
 from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.config.settings import Analyses, Comparison, NoiseLevel, Protocol, Study
-from virtual_phantom.diagnosis.settings import LabelledObject, MaskedObject, RecordingSettings, ShapesObject
+from virtual_phantom.diagnosis.settings import (
+    LabelledObject,
+    MaskedObject,
+    RecordingSettings,
+    ShapesObject,
+    UnknownObject,
+)
 from virtual_phantom.io.schema import SCHEMA, read_schema
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -68,9 +74,9 @@ def test_none_is_the_default_of_keys_that_may_be_absent(kind):
             assert (one.default is None) == (one.name not in required and "default" not in stated), one.name
 
 
-def test_an_object_is_of_one_of_three_kinds():
+def test_an_object_is_of_one_of_four_kinds():
     section = section_of(SECTIONS[RecordingSettings]["properties"]["object"])
-    kinds = (MaskedObject, LabelledObject, ShapesObject)
+    kinds = (MaskedObject, LabelledObject, ShapesObject, UnknownObject)
     assert {one.name for kind in kinds for one in fields(kind)} == set(section["properties"])
 
 

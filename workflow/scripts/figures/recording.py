@@ -3,6 +3,7 @@
 from virtual_phantom.figures import recording as figures
 from virtual_phantom.figures import style
 from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.scan import UNKNOWN
 from virtual_phantom.study.job import job
 
 
@@ -11,7 +12,9 @@ def main(*, folder: str, png: str, pdf: str) -> None:
     first = recording.repeats[0]
     if recording.kind == "projections":
         line_integrals = first.line_integrals(figures.SMALLEST_TRANSMISSION)
-        figure = figures.draw_projections(line_integrals, recording.geometry, recording.name)
+        scan = recording.scan
+        unit, known = scan.get("length_unit", "mm"), scan.get("angles_deg") != UNKNOWN
+        figure = figures.draw_projections(line_integrals, recording.geometry, recording.name, unit, known)
     else:
         figure = figures.draw_images(first, recording.name)
     style.save(figure, [png, pdf])

@@ -15,6 +15,7 @@ SAME_MM = 1e-6  # smaller differences of focal spot positions are ignored
 # Tolerance of the first and the last angle, as a fraction of the angle step. With it, half a turn is enough for a
 # parallel beam, whose fan angles are not exactly 0.
 ANGLE_TOLERANCE = 1e-3
+LARGEST_UNEVENNESS = 0.1  # of the steps between views, as a fraction of a step
 
 
 class Interleaved(NamedTuple):
@@ -80,14 +81,17 @@ class ParallelRays:
     Raises
     ------
     InputError
-        For a scan that is neither circular nor helical, has one view or one column, or covers less than half a turn
-        plus the fan.
+        For a scan that is neither circular nor helical, has one view or one column, has unevenly spaced views, or
+        covers less than half a turn plus the fan.
     """
 
     def __init__(self, geometry: ScanGeometry):
         geometry = orbit_of(geometry, "filtered back-projection")
         if geometry.views < 2 or geometry.columns < 2:
             raise InputError("scan: one view or one detector column cannot be reconstructed; give it more")
+        steps = np.diff(geometry.angles_rad)
+        if np.abs(steps - steps[0]).max() > LARGEST_UNEVENNESS * abs(steps[0]):
+            raise InputError("scan: unevenly spaced views cannot be reconstructed by filtered back-projection")
         self.geometry = geometry
         self.view_step = float(geometry.angles_rad[1] - geometry.angles_rad[0])
         self.half_turn = max(1, round(geometry.views_per_rotation / 2))

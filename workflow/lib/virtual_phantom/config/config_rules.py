@@ -506,6 +506,8 @@ class Rules:
             where = f"diagnosis.scanners.{name}.recordings"
             for recording in scanner["recordings"]:
                 yield from self._known(recording, self.names.diagnosed, where)
+                if diagnosed.get(recording, {}).get("object", {}).get("unknown"):
+                    yield f"config: {where} names '{recording}', whose object is unknown; remove it"
                 for key in ("physics_from", "baseline_from"):
                     if other := diagnosed.get(recording, {}).get(key):
                         yield f"config: {where} names '{recording}', which has {key}: {other}; remove that key"
@@ -533,6 +535,9 @@ class Rules:
         if "disc" in settings and "object" in settings:
             yield f"{where} has both disc and object; keep the one that was scanned"
         yield from self._object(settings.get("object", {"kind": ""}), f"{where}.object")
+        fitted = [key for key in ("baseline", "baseline_from", "effects", "physics_from") if settings.get(key)]
+        if settings.get("object", {}).get("unknown") and fitted:
+            yield f"{where} has an unknown object, so that {fitted[0]} has no meaning; remove one of them"
         if "baseline_from" in settings:
             other = settings["baseline_from"]
             if "physics_from" in settings:
@@ -552,18 +557,18 @@ class Rules:
 
     def _object(self, settings: dict, where: str) -> Iterator[str]:
         """Check that an object is a mask with its material, a label map with its materials, or an object of shapes."""
-        masked, labeled, shaped = (
+        masked, labeled, shaped, unknown = (
             set(keys) & set(settings)
-            for keys in (("mask", "material"), ("labels", "materials"), ("kind", "parameters"))
+            for keys in (("mask", "material"), ("labels", "materials"), ("kind", "parameters"), ("unknown",))
         )
-        both = [min(keys) for keys in (masked, labeled, shaped) if keys]
+        both = [min(keys) for keys in (masked, labeled, shaped, unknown) if keys]
         if len(both) > 1:
             yield (
                 f"{where} has both {both[0]} and {both[1]}; keep mask and material, labels and materials, or kind and "
                 "parameters"
             )
-        elif "kind" not in settings and 2 not in (len(masked), len(labeled)):
-            yield f"{where} needs kind (an object of shapes), mask and material, or labels and materials"
+        elif not {"kind", "unknown"} & set(settings) and 2 not in (len(masked), len(labeled)):
+            yield (f"{where} needs kind (an object of shapes), mask and material, or labels and materials; or unknown")
 
     def _changed_images(self) -> Iterator[tuple[str, dict]]:
         """Yield name and settings of each comparison under diagnosis, whose job changes images voxel by voxel."""

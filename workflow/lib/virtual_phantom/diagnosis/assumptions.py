@@ -78,18 +78,19 @@ def scan_text(request: DiagnosisRequest, recording: Recording) -> str:
         reconstruction = f", {request.protocol.algorithm.upper()}"
     else:
         scan, views, reconstruction = recording.scan, recording.scan["views"], ""
+    sides = f"{scan['row_pitch_mm']:g} x {scan['column_pitch_mm']:g} {scan.get('length_unit', 'mm')}"
     return (
-        f"{scan['trajectory']}, {views} views, {scan['rows']} x {scan['columns']} pixels (rows x columns) of "
-        f"{scan['row_pitch_mm']:g} x {scan['column_pitch_mm']:g} mm, {_detector(scan)}, {_beam(scan)}{reconstruction}"
+        f"{scan['trajectory']}, {views} views, {scan['rows']} x {scan['columns']} pixels (rows x columns) of {sides}, "
+        f"{_detector(scan)}, {_beam(scan)}{reconstruction}"
     )
 
 
 def _beam(scan: Mapping) -> str:
     if scan.get("beam") == PARALLEL:
         return "parallel beam"
-    return (
-        f"source to isocenter {scan['source_to_isocentre_mm']:g} mm, to detector {scan['source_to_detector_mm']:g} mm"
-    )
+    unit = scan.get("length_unit", "mm")
+    distances = f"{scan['source_to_isocentre_mm']:g} {unit}", f"{scan['source_to_detector_mm']:g} {unit}"
+    return f"source to isocenter {distances[0]}, to detector {distances[1]}"
 
 
 def _detector(scan: Mapping) -> str:

@@ -17,10 +17,11 @@ from ..physics.effect import (
     acts_on_images,
     load,
     names,
+    needs_lengths,
     needs_times,
     require,
 )
-from ..recordings.scan import has_view_times
+from ..recordings.scan import ELEMENT, UNKNOWN, has_view_times
 from .fitting.priors import declared
 from .settings import RecordingSettings
 
@@ -36,13 +37,15 @@ def candidate_conditions(content: Mapping) -> dict:
     kind = content["kind"]
     # A protocol of the study simulates images, and its scan may be a helix.
     helical = kind == "images" or content.get("scan", {}).get("trajectory") == "helical"
-    parallel = content.get("scan", {}).get("beam") == PARALLEL
+    scan = content.get("scan", {})
+    parallel = scan.get("beam") == PARALLEL
     return {
         "kind": kind,
         "timed": has_view_times(content),
         "corrected": content.get("corrected", ()),
         "helical": helical,
         "parallel": parallel,
+        "scaled": scan.get("length_unit") != ELEMENT,
     }
 
 
@@ -53,6 +56,7 @@ def candidates(
     corrected: Collection[str] = (),
     helical: bool = False,
     parallel: bool = False,
+    scaled: bool = True,
 ) -> list[str]:
     """Return the effects that a diagnosis tries on a recording.
 
@@ -63,6 +67,8 @@ def candidates(
     kind : {"projections", "images"}, optional
     timed : bool, optional
         Whether the times of the views are known.
+    scaled : bool, optional
+        Whether lengths are known in mm.
 
     Raises
     ------
@@ -90,6 +96,8 @@ def candidates(
         for need in effect.needs:
             if unmet[need]:
                 hidden[name] = NEEDS[need]
+        if not scaled and needs_lengths(name):
+            hidden[name] = "depends on lengths in mm; state scan.length_unit: mm in recording.yaml"
         if not timed and needs_times(name):
             hidden[name] = (
                 "needs the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
@@ -120,6 +128,20 @@ def check_accuracy(accuracy: Mapping[str, float]) -> None:
             )
 
 
+def require_angles(content: Mapping, source: str) -> None:
+    """Check that recording.yaml states the view angles, or how they follow.
+
+    Raises
+    ------
+    InputError
+        If they are unknown.
+    """
+    if content.get("scan", {}).get("angles_deg") == UNKNOWN:
+        raise InputError(
+            f"{source}: the view angles are not known (scan.angles_deg); state them, or object: {{unknown: true}}"
+        )
+
+
 def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping) -> None:
     """Check that settings under `diagnosis.recordings` fit the kinds of the recordings.
 
@@ -133,16 +155,18 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
         where, kind = f"diagnosis.recordings.{name}", recordings[name].content["kind"]
         if kind == "features":
             raise InputError(f"{where}: holds features; name comparisons with it under diagnosis.comparisons")
-        if kind == "images" and settings.protocol is None:
+        if kind == "images" and settings.protocol is None and not settings.of_unknown:
             raise InputError(f"{where}: holds images; name the protocol that simulates them as `protocol`")
         if kind == "projections" and settings.protocol is not None:
             raise InputError(f"{where}.protocol: projections have their own geometry; remove this key")
+        if not settings.of_unknown:
+            require_angles(recordings[name].content, where)
         other = settings.physics_from
         if other is not None and (of := recordings[other].content["kind"]) != kind:
             raise InputError(
                 f"{where}.physics_from is '{other}', which holds {of}, not {kind}; name one of the same kind"
             )
-        if kind == "images" and not settings.of_phantom:
+        if kind == "images" and not (settings.of_phantom or settings.of_unknown):
             raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")
         if kind == "images" and settings.location:
             raise InputError(f"{where}.location: images have their location in the files; shift their affine instead")

@@ -9,7 +9,7 @@ from ..physics.chain import EVEN, Chain
 from ..physics.state import AIR
 from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
-from ..recordings.scan import view_time_note
+from ..recordings.scan import scale_note, view_time_note
 from .comparison.scans import agreement_of_scans
 from .fitting.priors import BASELINE_CONFIG_KEY, declared
 from .images.setting import agreement_of_images, prepare_images
@@ -34,6 +34,7 @@ def prepare_recording(request: DiagnosisRequest, recording: Recording | None = N
     recording = recording or load_recording(request.folder)
     if recording.kind not in KINDS:
         raise InputError(f"{recording.document.path}: holds {recording.kind}, which are diagnosed by comparison")
+    request = request.with_energy(recording.nominal)
     return recording, KINDS[recording.kind][0](recording, request, nominal_settings(recording))
 
 
@@ -73,7 +74,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         floor_chain=floor,
         coarse_chain=coarse,
         step=step,
-        time_remark=view_time_note(recording.scan),
+        time_remark="; ".join(filter(None, (scale_note(recording.scan), view_time_note(recording.scan)))),
         voxels=binary_voxels_remark(request, scene),
     )
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..base.geometry import ImageProtocol
 from ..base.settings import to_mapping
-from ..physics.beam.materials import Segmentation
+from ..physics.beam.materials import Segmentation, attenuation_per_mm
 from ..physics.beam.sensors import Sensor
 from ..physics.beam.spectra import Anode
 from .settings import FitSettings, RecordingSettings
@@ -30,6 +30,9 @@ class DiagnosisRequest:
         Image of the study's phantom, HU; None if `settings` has a disc or an object.
     seed : int
         Seed of the study, for simulated noise.
+    energy_kev : float or None
+        Energy of the monochromatic beam that recording.yaml states, keV; None: that of `mu_water_per_mm`, or 60 keV for
+        a homogeneous object.
     protocol : ImageProtocol or None
         None for projections.
     """
@@ -42,6 +45,15 @@ class DiagnosisRequest:
     seed: int = 0
     protocol: ImageProtocol | None = None
     threads: int = 1
+    energy_kev: float | None = None
+
+    def with_energy(self, nominal: Mapping) -> DiagnosisRequest:
+        """Return the request with the energy that `nominal` of recording.yaml states; itself if it states none."""
+        energy = nominal.get("energy_kev")
+        if energy is None:
+            return self
+        (water,) = attenuation_per_mm("water", [energy])
+        return replace(self, energy_kev=energy, mu_water_per_mm=float(water))
 
     def located(self, location: Mapping[str, float]) -> DiagnosisRequest:
         """Return the request with the object at this location; itself if the location is empty."""

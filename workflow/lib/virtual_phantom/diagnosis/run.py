@@ -14,8 +14,10 @@ from ..base.streams import Branch
 from ..physics.effect import applicable_effects
 from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
+from ..recordings.scan import ELEMENT
 from ..statistics.proof_record import SeedResult, with_coverage
 from .assumptions import model_assumptions
+from .candidate_effects import require_angles
 from .comparison.regions import ScannedVolume
 from .comparison.relevance import judge_relevance
 from .preparation import compare_images, prepare_recording
@@ -28,6 +30,7 @@ from .selection.screening import screened
 from .selection.transfer import Physics, fit_with_fixed_physics, with_physics_source
 from .selection.trials import trials
 from .setup.check import check_setup, setup_diagnosis
+from .setup.unknown_object import unknown_object_diagnosis
 from .uncertainty.model_error import errors_with_models
 from .verdict.object_mismatch import (
     MOST_PIECES,
@@ -42,6 +45,7 @@ from .verdict.unmodeled import ChangesOfFits
 from .verdict.verdict import Diagnosis, diagnose
 from .verdict_text import SETUP_VERDICTS, recording_lines, with_verdict_text
 
+WITHOUT_SCALE = "spectrum, scatter and other effects of lengths in mm, as lengths are in detector elements"
 # Called after the set-up check; returns the cached fits of an earlier run and the progress of this one.
 StartOfFits = Callable[[DiagnosisRequest, Recording], tuple[FitCache | None, DiagnosisProgress]]
 
@@ -95,6 +99,10 @@ def run_diagnosis(
         For a recording that cannot be read or diagnosed.
     """
     recording = load_recording(request.folder)
+    request = request.with_energy(recording.nominal)
+    if request.settings.of_unknown:
+        return unknown_object_diagnosis(recording)
+    require_angles(recording.document.content, str(recording.document.path))
     setup = check_setup(recording, request)
     if setup is not None and setup.kind in SETUP_VERDICTS:
         return setup_diagnosis(setup, recording, request)
@@ -124,6 +132,8 @@ def run_diagnosis(
         content = judge_relevance(content, thresholds)
     if setup is not None:
         content["setup"] = dict(setup.content)
+    if recording.scan.get("length_unit") == ELEMENT:
+        content["not_determined"] = WITHOUT_SCALE
     content = with_verdict_text(content, recording_lines(content, stated_location))
     return replace(found, content=content, scanned=scanned)
 

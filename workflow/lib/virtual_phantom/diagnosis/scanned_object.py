@@ -32,15 +32,15 @@ def scene_of(request: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene 
     InputError
         If the file of the object is missing or invalid.
     """
-    disc, other = request.settings.disc, request.settings.object
+    disc, other, energy = request.settings.disc, request.settings.object, request.energy_kev or DISC_ENERGY_KEV
     if disc is not None:
-        return DiscScene(disc.diameter_mm, disc.material)
+        return DiscScene(disc.diameter_mm, disc.material, energy_kev=energy)
     if isinstance(other, ShapesObject):
         return ShapesScene(shaped_object(other).shapes, energy_of("water", request.mu_water_per_mm), request.threads)
     if isinstance(other, LabelledObject):
         return labelled_scene(labelled_object(other), energy_of("water", request.mu_water_per_mm), request.threads)
     if other is not None:
-        return mask_scene(other.mask, other.material, request.threads)
+        return mask_scene(other.mask, other.material, request.threads, energy)
     volume = volumes.read_nifti(request.phantom)
     return VoxelScene.of(volume, request.materials, request.mu_water_per_mm, request.threads)
 
@@ -86,7 +86,9 @@ def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: Segment
     return scene.moved(np.array([more * step / 2 for more, step in zip(odd, volume.grid.spacing, strict=True)])[::-1])
 
 
-def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene | PrismScene:
+def mask_scene(
+    mask: str | Path, material: str, threads: int = 1, energy_kev: float = DISC_ENERGY_KEV
+) -> VoxelScene | PrismScene:
     """Return the scene of a homogeneous object.
 
     A single slice describes an object that is constant along z and longer than the beam height.
@@ -102,7 +104,7 @@ def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene 
         If the mask is missing, broken, empty, or holds values outside 0 to 1.
     """
     volume = read_mask(mask)
-    return labelled_scene(LabelMap(volume.array[None], volume.grid, (material,)), DISC_ENERGY_KEV, threads)
+    return labelled_scene(LabelMap(volume.array[None], volume.grid, (material,)), energy_kev, threads)
 
 
 def labelled_scene(labelled: LabelMap, energy_kev: float, threads: int = 1) -> VoxelScene | PrismScene:

@@ -64,6 +64,13 @@ class ShapesObject:
 
 
 @dataclass(frozen=True)
+class UnknownObject:
+    """An object that is not known: only the data themselves are checked (setup.unknown_object)."""
+
+    unknown: bool
+
+
+@dataclass(frozen=True)
 class RecordingSettings:
     """Section diagnosis.recordings.<name>.
 
@@ -100,7 +107,7 @@ class RecordingSettings:
     alignment: dict[str, float]
     nominal_photons: float | None = None
     disc: Disc | None = None
-    object: MaskedObject | LabelledObject | ShapesObject | None = None
+    object: MaskedObject | LabelledObject | ShapesObject | UnknownObject | None = None
     protocol: str | None = None
     location: dict[str, float] = field(default_factory=dict)
     check_setup: bool = False
@@ -114,6 +121,11 @@ class RecordingSettings:
     def of_phantom(self) -> bool:
         """Whether the study's phantom was scanned."""
         return self.disc is None and self.object is None
+
+    @property
+    def of_unknown(self) -> bool:
+        """Whether the scanned object is not known."""
+        return isinstance(self.object, UnknownObject)
 
     @property
     def of_shapes(self) -> bool:

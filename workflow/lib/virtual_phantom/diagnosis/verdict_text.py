@@ -93,6 +93,7 @@ def recording_lines(content: Mapping, stated: Mapping[str, float] | None = None)
     below = content.get("practice", {}).get("small", [])
     named = [effect for effect in content["effects"] if effect["name"] not in below]
     return [
+        _line("Not determined", content.get("not_determined", "")),
         _conclusion(content, named),
         _alternatives(content, [effect["name"] for effect in named]),
         _improvement(content) if named else None,

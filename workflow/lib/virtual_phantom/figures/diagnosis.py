@@ -53,7 +53,13 @@ def bars(axes: Axes, values: Mapping[str, float], chosen: tuple[str, ...]) -> No
 
 
 @style.styled()
-def draw_setup(stated: np.ndarray, best: np.ndarray, title: str, quantity: str = LINE_INTEGRALS) -> Figure:
+def draw_setup(
+    stated: np.ndarray,
+    best: np.ndarray,
+    title: str,
+    quantity: str = LINE_INTEGRALS,
+    names: tuple[str, str] = ("as described", "as corrected"),
+) -> Figure:
     """Draw the residuals of a recording with the described and with the corrected scan set-up, on separate scales.
 
     Parameters
@@ -62,12 +68,12 @@ def draw_setup(stated: np.ndarray, best: np.ndarray, title: str, quantity: str =
         Recorded minus simulated values.
     quantity : str, optional
         LINE_INTEGRALS, or HU of a slice.
+    names : tuple of 2 str, optional
+        Titles of the panels, if other maps are drawn.
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
     axes = figure.subplots(1, 2)
-    for index, (panel, values, name) in enumerate(
-        zip(axes, (stated, best), ("as described", "as corrected"), strict=True)
-    ):
+    for index, (panel, values, name) in enumerate(zip(axes, (stated, best), names, strict=True)):
         limit = max(float(np.quantile(np.abs(values), 0.995)), 1e-6)
         lines = quantity == LINE_INTEGRALS
         aspect = "auto" if lines else "equal"

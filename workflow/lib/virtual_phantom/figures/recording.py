@@ -16,7 +16,9 @@ SMALLEST_TRANSMISSION = 1e-5
 
 
 @style.styled()
-def draw_projections(line_integrals: np.ndarray, geometry: OrbitGeometry, title: str) -> Figure:
+def draw_projections(
+    line_integrals: np.ndarray, geometry: OrbitGeometry, title: str, unit: str = "mm", angles: bool = True
+) -> Figure:
     """Draw the sinogram of the middle row, and the slice at the isocenter by filtered back-projection.
 
     If a scan cannot be reconstructed, the reason is shown instead of the slice.
@@ -27,18 +29,26 @@ def draw_projections(line_integrals: np.ndarray, geometry: OrbitGeometry, title:
         Values that are not finite are replaced by 0.
     title : str
         Start of the sinogram's title.
+    unit : str, optional
+        Unit of lengths.
+    angles : bool, optional
+        Whether the view angles are known.
     """
     filled = np.where(np.isfinite(line_integrals), line_integrals, 0).astype(np.float32)
     figure = style.figure(style.DOUBLE_COLUMN_MM, 82)
     left, right = figure.subplots(1, 2)
     degrees = np.rad2deg(geometry.angles_rad)
     columns = geometry.column_positions_mm()
-    extent = (columns[0], columns[-1], degrees[-1], degrees[0])
+    extent = (columns[0], columns[-1], *((degrees[-1], degrees[0]) if angles else (geometry.views - 0.5, -0.5)))
     shown = left.imshow(filled[:, geometry.rows // 2], extent=extent, aspect="auto", cmap="gray")
-    left.set(xlabel="detector column (mm)", ylabel="view angle (degrees)", title=f"{title}: sinogram, middle row")
+    left.set(
+        xlabel=f"detector column ({unit})",
+        ylabel="view angle (degrees)" if angles else "view",
+        title=f"{title}: sinogram, middle row",
+    )
     figure.colorbar(shown, ax=left, label="line integral", location="bottom")
     try:
-        image, half = _slice(filled, geometry)
+        image, half = _slice(filled, geometry, angles)
     except InputError as error:
         right.set_axis_off()
         right.text(0.5, 0.5, f"no slice:\n{error}", ha="center", va="center", wrap=True, transform=right.transAxes)
@@ -46,13 +56,15 @@ def draw_projections(line_integrals: np.ndarray, geometry: OrbitGeometry, title:
     low, high = np.percentile(image, PERCENTILES)
     box = (-half, half, -half, half)
     shown = right.imshow(image, extent=box, origin="lower", cmap="gray", vmin=min(low, 0), vmax=high)
-    right.set(xlabel="x (mm)", ylabel="y (mm)", title="slice at the isocenter, FBP")
-    figure.colorbar(shown, ax=right, label="attenuation (1/mm)", location="bottom")
+    right.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})", title="slice at the isocenter, FBP")
+    figure.colorbar(shown, ax=right, label=f"attenuation (1/{unit})", location="bottom")
     return figure
 
 
-def _slice(line_integrals, geometry):
+def _slice(line_integrals, geometry, angles):
     """Reconstruct the slice at z = 0 by FBP: [y, x] in 1/mm, and half of its side in mm."""
+    if not angles:
+        raise InputError("the view angles are not known")
     side = 2 * geometry.field_of_view_radius_mm
     pixel = max(geometry.column_pitch_mm / geometry.magnification, side / MOST_PIXELS)
     size = int(side / pixel)

@@ -237,8 +237,13 @@ def _axes(cosines: np.ndarray) -> np.ndarray | None:
     )
 
 
-def read_slices(series: Series) -> Volume:
+def read_slices(series: Series, one_slice: bool = False) -> Volume:
     """Read the slices of one series as HU (float32) on an upright grid.
+
+    Parameters
+    ----------
+    one_slice : bool, optional
+        Whether a series may have a single slice; its thickness is then the spacing along z.
 
     Raises
     ------
@@ -250,7 +255,7 @@ def read_slices(series: Series) -> Volume:
     _check_geometry(slices)
     check_pixels(slices, series.name)
     slices = _without_copies(series.name, slices)
-    affine = _affine(series.name, slices)
+    affine = _affine(series.name, slices, one_slice)
     rows, columns = slices[0].integer("Rows"), slices[0].integer("Columns")
     check_fits(4 * len(slices) * rows * columns, series.name)
     array = np.empty((len(slices), rows, columns), np.float32)
@@ -321,10 +326,11 @@ def _without_copies(name: str, slices: Sequence[Slice]) -> list[Slice]:
     return kept
 
 
-def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
+def _affine(name: str, slices: Sequence[Slice], one_slice: bool) -> np.ndarray:
     """Return the upright affine from voxel (column, row, slice) to mm in LPS; InputError if slices are tilted."""
     positions = np.array([header.numbers("ImagePositionPatient", 3) for header in slices])
-    step = _slice_spacing(name, positions)
+    alone = one_slice and len(slices) == 1
+    step = slices[0].number("SliceThickness") if alone else _slice_spacing(name, positions)
     cosines = np.array([header.numbers("ImageOrientationPatient", 6) for header in slices]).reshape(-1, 2, 3)
     spacings = np.array([header.numbers("PixelSpacing", 2) for header in slices])
     axes, (row_spacing, column_spacing) = _axes(cosines[0].ravel()), spacings[0]
@@ -367,6 +373,8 @@ def _directions(slices: Sequence[Slice], grid: Grid) -> tuple[tuple[float, ...],
     """Return the directions of x, y and z by the geometry of the slices; None if the upright grid has the same."""
     cosines = np.mean([header.numbers("ImageOrientationPatient", 6) for header in slices], axis=0).reshape(2, 3)
     first, last = (np.array(header.numbers("ImagePositionPatient", 3)) for header in (slices[0], slices[-1]))
+    if len(slices) == 1:
+        return None
     axes = _axes(cosines.ravel())
     actual = np.column_stack([*cosines, last - first])
     nominal = np.column_stack([*axes, (0, 0, 1)])  # slices go from inferior to superior

@@ -28,6 +28,7 @@ PER_AIR_PHOTON = "1 over the photons in air"
 READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals alone
 # Units that end the name of a parameter, such as width_mm and rows_mm_per_s.
 UNIT_AT_END = re.compile(r"(_(mm|um|deg|px|hu|ms|units))?(_per_(s|mm2?|photon))?$")
+LENGTH = re.compile(r"\b[mu]m")  # in a unit
 LOGARITHM = 0  # value of Parameter.power: fits use the logarithm
 # Scope of a parameter: shared by all recordings of a scanner, by those of one protocol, or by none.
 OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
@@ -402,6 +403,11 @@ def needs_times(name: str) -> bool:
     """
     parameters = load(name).parameters
     return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)
+
+
+def needs_lengths(name: str) -> bool:
+    """Whether an effect has a parameter with a length in its unit, so that a scan without a scale cannot show it."""
+    return any(LENGTH.search(one.unit) for one in load(name).parameters)
 
 
 def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "physics") -> dict[str, dict[str, float]]:

@@ -19,7 +19,7 @@ NAME_SHOWN = 60  # characters
 # Sections and keys that have a meaning only in some kinds of recordings.
 SECTIONS = {
     "images": {"labels", "rois", "isocentre_mm", "scan", "not_checked"},
-    "projections": {"isocentre_mm", "scan", "corrected"},
+    "projections": {"isocentre_mm", "scan", "corrected", "not_checked"},
     "features": {"features", "rois"},
 }
 

@@ -17,7 +17,7 @@ from ..io.volumes import check_fits
 from .document import Document
 from .provenance import checksums
 from .recording import Provenance, Recording, Repeats
-from .scan import scan_geometry, view_time_note
+from .scan import UNKNOWN, scale_note, scan_geometry, view_time_note
 
 ADVICE = "copy it again from its source"
 # {attribute `units` of theta: factor to degrees}. Without it, angles are in degrees, as in the Data Exchange format.
@@ -25,6 +25,8 @@ TO_DEGREES = dict.fromkeys(("", "deg", "degs", "degree", "degrees", "°"), 1.0)
 TO_DEGREES |= dict.fromkeys(("rad", "rads", "radian", "radians"), 180 / math.pi)
 THETA_TOLERANCE = 0.05  # share of the step between views; larger differences mean another scan or other units
 LARGEST_LINE_INTEGRAL = 30.0  # exp(-30) is below one photon in any scan, so larger values are counts
+BITS_8 = 256  # levels
+CLIPPED = 1e-3  # share of values at the largest one, above which they are reported as clipped
 MOST_DEAD = 0.01  # share of pixels without signal; more means swapped or saturated fields
 
 
@@ -97,19 +99,20 @@ def load_projections(document: Document) -> ProjectionsRecording:
     InputError
         If a file does not match recording.yaml, or counts and line integrals are mixed.
     """
-    geometry = scan_geometry(document.content["scan"], str(document.path))
+    scan = document.content["scan"]
+    geometry = scan_geometry(scan, str(document.path), document.content.get("not_checked", ()))
     notes, logs = [], {}
     repeated = geometry.views - math.ceil(geometry.views_per_rotation)
     if repeated > 0 and geometry.feed_per_rotation_mm == 0:
         notes.append(f"{counted(repeated, 'view')} beyond the first rotation, along the same directions")
-    if note := view_time_note(document.content["scan"]):
-        notes.append(note)
+    notes += filter(None, (scale_note(scan), view_time_note(scan)))
     for path in (*document.repeats, *document.held_out):
         acquisition = read_acquisition(path, geometry)
         logs[path] = acquisition.log
         if dead := int(acquisition.dead.sum()):
             notes.append(f"{document.relative(path)}: {counted(dead, 'dead pixel')} (white field not above dark field)")
-        if not _has_theta(path):
+        notes += (f"{document.relative(path)}: {text}" for text in quantized(acquisition.data))
+        if not _has_theta(path) and scan.get("angles_deg") != UNKNOWN:
             notes.append(f"{document.relative(path)}: no /exchange/theta; angles are taken from {document.path.name}")
     first = document.repeats[0]
     for path, log in logs.items():
@@ -123,6 +126,19 @@ def load_projections(document: Document) -> ProjectionsRecording:
     repeats = Repeats(document.repeats, lambda path: read_acquisition(path, geometry))
     held_out = Repeats(document.held_out, lambda path: read_acquisition(path, geometry))
     return ProjectionsRecording(document, provenance, geometry, tuple(notes), repeats, held_out, logs[first])
+
+
+def quantized(data: np.ndarray) -> list[str]:
+    """Return remarks on whole numbers with 8 bits, and on values that were clipped: the largest one piles up."""
+    if data.dtype.kind not in "ui":
+        return []
+    found, largest = [], int(data.max())
+    if data.dtype.itemsize == 1:
+        found.append(f"values have 8 bits: steps between {BITS_8} levels hide noise and small differences")
+    count, below = (np.count_nonzero(data == value) for value in (largest, largest - 1))
+    if count > max(CLIPPED * data.size, below):
+        found.append(f"{100 * count / data.size:.2g} % of the values are {largest}, the largest one: they were clipped")
+    return found
 
 
 def read_acquisition(path: Path, geometry: OrbitGeometry) -> Projections:
@@ -188,7 +204,7 @@ def _has_theta(path: Path) -> bool:
 def _check_theta(path: Path, file: h5py.File, geometry: OrbitGeometry) -> None:
     if "exchange/theta" not in file:
         return
-    theta = _theta(path, file["exchange/theta"])
+    theta = theta_degrees(path, file["exchange/theta"])
     if theta.shape != (geometry.views,):
         raise InputError(
             f"{path}: /exchange/theta has {theta.size} angles for {geometry.views} views; store one angle per view"
@@ -203,20 +219,20 @@ def _check_theta(path: Path, file: h5py.File, geometry: OrbitGeometry) -> None:
         )
 
 
-def _theta(path: Path, data: h5py.Dataset) -> np.ndarray:
-    """Return the angles in degrees, shape (angles,). The attribute units may be radians."""
+def theta_degrees(path: Path, data: h5py.Dataset) -> np.ndarray:
+    """Return the angles of a dataset in degrees, shape (angles,). The attribute units may be radians."""
     if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "uif":
         kind = f"type {data.dtype}" if isinstance(data, h5py.Dataset) else "the type group"
-        raise InputError(f"{path}: /exchange/theta has {kind}; store one angle per view, in degrees")
+        raise InputError(f"{path}: {data.name} has {kind}; store one angle per view, in degrees")
     if data.shape is None or max(data.shape, default=1) != data.size:
         raise InputError(
-            f"{path}: /exchange/theta has the shape {data.shape}; store one angle per view, as one row or column"
+            f"{path}: {data.name} has the shape {data.shape}; store one angle per view, as one row or column"
         )
     units = data.attrs.get("units", "")
     units = np.ravel(units)[0] if np.size(units) == 1 else str(units)  # some writers store text in arrays of one
     unit = (units.decode(errors="replace") if isinstance(units, bytes) else str(units)).strip().lower().rstrip(".")
     if unit not in TO_DEGREES:
-        raise InputError(f"{path}: the attribute units of /exchange/theta is {unit!r}; use degrees or radians")
+        raise InputError(f"{path}: the attribute units of {data.name} is {unit!r}; use degrees or radians")
     return np.asarray(data[...], float).ravel() * TO_DEGREES[unit]
 
 

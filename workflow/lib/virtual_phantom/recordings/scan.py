@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
@@ -17,8 +18,14 @@ HELICAL = ("table_feed_mm", "start_z_mm")
 # Body CT has fans of 45 to 60 degrees and fields of view of 500 mm. Bench scanners of small objects start at about
 # 80 mm. One length in centimeters among millimeters changes these by a factor of ten.
 LARGEST_FAN_DEG, FIELD_OF_VIEW_MM = 120.0, (60.0, 2000.0)
+DISTANCES_MM = ((100.0, 4000.0), (200.0, 5000.0))  # plausible source_to_isocentre_mm and source_to_detector_mm
+SMALLEST_PITCH_MM = 0.005  # of a detector in a divergent beam
 LARGEST_PIXEL_ASPECT = 5.0  # ratio of column and row pitch; a larger ratio means mixed units
 TIME_TOLERANCE = 0.01  # relative; stated times may be rounded
+ELEMENT = "element"  # value of `length_unit`
+UNKNOWN = "unknown"  # value of `angles_deg`
+SIZE = "size"  # value of `not_checked`
+IF_RIGHT = f"(if they are: not_checked: [{SIZE}])"
 
 
 def missing_for_geometry(scan: dict) -> list[str]:
@@ -27,16 +34,18 @@ def missing_for_geometry(scan: dict) -> list[str]:
     return [key for key in needed if key not in with_beam(scan)]
 
 
-def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
+def scan_geometry(scan: dict, source: str, not_checked: Collection[str] = ()) -> OrbitGeometry:
     """Return the geometry that a scan section describes.
 
-    The angle of view i is start + direction 2 pi i / views_per_rotation. Its source is at
-    start_z + table_feed i / views_per_rotation (see geometry.py).
+    The angle of view i is start + direction 2 pi i / views_per_rotation, or start + direction angles_deg[i]. Its source
+    is at start_z + table_feed i / views_per_rotation (see geometry.py). Lengths in detector elements count as mm.
 
     Parameters
     ----------
     scan : dict
         The scan section. Offsets and the start_z_mm of a circular scan are 0 if absent.
+    not_checked : collection of str, optional
+        With SIZE, lengths of any plausible or implausible scanner are accepted.
 
     Raises
     ------
@@ -50,10 +59,11 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
             raise InputError(f"{source}: scan.table_feed_mm is 0 in a helical scan; set trajectory: circular")
     elif scan.get("table_feed_mm", 0) != 0:
         raise InputError(f"{source}: scan.table_feed_mm is not 0 in a circular scan; set trajectory: helical")
-    check_lengths(scan, source)
+    check_lengths(scan, source, SIZE not in not_checked and scan.get("length_unit") != ELEMENT)
     scan = with_beam(scan)
     interval, exposure = view_times(scan, source)
     turns = np.arange(scan["views"]) / scan["views_per_rotation"]
+    angles = _angles(scan, turns, source)
     if "arc_radius_mm" in scan and scan.get("detector") != CYLINDRICAL:
         raise InputError(
             f"{source}: scan.arc_radius_mm needs a cylindrical detector; set scan.detector: cylindrical, or remove it"
@@ -62,7 +72,7 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
         raise InputError(f"{source}: scan.flying_focal_spot has more positions than scan.views; remove some")
     return OrbitGeometry(
         **{key: scan[key] for key in DETECTOR},
-        angles_rad=math.radians(scan["start_angle_deg"]) + scan["direction"] * 2 * np.pi * turns,
+        angles_rad=math.radians(scan["start_angle_deg"]) + scan["direction"] * angles,
         source_z_mm=scan.get("start_z_mm", 0.0) + scan.get("table_feed_mm", 0.0) * turns,
         views_per_rotation=scan["views_per_rotation"],
         column_offset_px=scan.get("column_offset_px", 0.0),
@@ -71,6 +81,33 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
         view_interval_ms=interval,
         exposure_ms=exposure,
     )
+
+
+def _angles(scan: dict, turns: np.ndarray, source: str) -> np.ndarray:
+    """Return the angles from the first view, radians; those of even steps if they are unknown."""
+    listed = scan.get("angles_deg", UNKNOWN)
+    if listed == UNKNOWN:
+        return 2 * np.pi * turns
+    if len(listed) != scan["views"]:
+        raise InputError(
+            f"{source}: scan.angles_deg has {len(listed)} angles for {scan['views']} views; give one angle per view"
+        )
+    if scan["trajectory"] == "helical":
+        raise InputError(f"{source}: scan.angles_deg has no meaning in a helical scan; remove it")
+    return np.radians(listed)
+
+
+def scale_note(scan: dict) -> str | None:
+    """Return a note on what is not known of a scan: its length unit or its angles; None if both are known."""
+    found = []
+    if scan.get("length_unit") == ELEMENT:
+        found.append(
+            "lengths are in detector elements (scan.length_unit): effects that depend on a length in mm cannot be "
+            "diagnosed, among them the spectrum; state the pixel size"
+        )
+    if scan.get("angles_deg") == UNKNOWN:
+        found.append("the view angles are not known (scan.angles_deg): no model of the scan can be compared")
+    return "; ".join(found) or None
 
 
 def view_times(scan: dict, source: str) -> tuple[float | None, float | None]:
@@ -125,8 +162,13 @@ def view_time_note(scan: dict) -> str | None:
     )
 
 
-def check_lengths(scan: dict, source: str) -> None:
+def check_lengths(scan: dict, source: str, size: bool = True) -> None:
     """Check that the lengths in a complete or incomplete scan section can all be in mm.
+
+    Parameters
+    ----------
+    size : bool, optional
+        Whether to check the size of the scanner: lengths in mm of a scanner of bodies or phantoms.
 
     Raises
     ------
@@ -143,6 +185,14 @@ def check_lengths(scan: dict, source: str) -> None:
     scan = with_beam(scan)
     if not {"source_to_isocentre_mm", "source_to_detector_mm"} <= scan.keys():
         return
+    if size and scan.get("beam") != PARALLEL:
+        limits = dict(zip(DISTANCES, DISTANCES_MM, strict=True))
+        limits |= dict.fromkeys(("column_pitch_mm", "row_pitch_mm"), (SMALLEST_PITCH_MM, math.inf))
+        for key, (low, high) in limits.items():
+            value = scan.get(key, low)
+            if not low <= value <= high:
+                bound = f"less than the minimum of {low:g}" if value < low else f"more than the maximum of {high:g}"
+                raise InputError(f"{source}: scan.{key}: {value:g} is {bound}; {advice} {IF_RIGHT}")
     isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]
     if detector <= isocentre:
         raise InputError(
@@ -159,13 +209,13 @@ def check_lengths(scan: dict, source: str) -> None:
             f"{LARGEST_FAN_DEG:g}); {advice}"
         )
     low, high = FIELD_OF_VIEW_MM
-    if not low <= width <= high:
+    if size and scan.get("beam") != PARALLEL and not low <= width <= high:
         swapped = scan | {"columns": scan.get("rows", 1)}
         if scan["columns"] < swapped["columns"] and low <= 2 * isocentre * math.sin(_half_fan(swapped)) <= high:
             advice = f"check whether rows and columns are swapped, in {source} and in the data; {advice}"
         raise InputError(
             f"{source}: scan: the field of view of these lengths is {width:.3g} mm (expected {low:g} to {high:g} mm); "
-            f"{advice}"
+            f"{advice} {IF_RIGHT}"
         )
     if scan.get("rows", 1) > 1 and "row_pitch_mm" in scan:
         aspect = scan["row_pitch_mm"] / scan["column_pitch_mm"]

@@ -15,7 +15,7 @@ from .features import FeaturesRecording
 from .images import ImagesRecording
 from .projections import ProjectionsRecording
 from .recording import Recording
-from .scan import missing_for_geometry
+from .scan import ELEMENT, UNKNOWN, missing_for_geometry
 
 COLUMNS = ("recording", "kind", "repeats", "held_out", "content", "known", "missing", "notes")
 ENERGY, TOTAL_ENERGY = "original_firstorder_Energy", "original_firstorder_TotalEnergy"  # ratio: voxel volume in mm3
@@ -144,7 +144,10 @@ def _projections(recording: ProjectionsRecording) -> tuple[int, int, dict, str]:
         "largest_angle_step_deg": float(np.rad2deg(np.abs(np.diff(geometry.angles_rad)).max(initial=0))),
     }
     size = " x ".join(map(str, content["shape"]))
-    seen = f"{turns:.4g} turns, sees {content['field_of_view_mm']:.0f} mm"
+    unit = "elements" if recording.scan.get("length_unit") == ELEMENT else "mm"
+    seen = f"{turns:.4g} turns, sees {content['field_of_view_mm']:.3g} {unit}"
+    if recording.scan.get("angles_deg") == UNKNOWN:
+        seen = "unknown angles"
     text = f"{content['values']}, {size} (views, rows, columns), {seen}"
     return len(recording.repeats), len(recording.held_out), content, text
 

@@ -8,6 +8,7 @@ from ..diagnosis.fitting.fit import Fit
 from ..diagnosis.residuals.dataset import Prepared
 from ..diagnosis.residuals.residual_tests import ALPHA
 from ..diagnosis.selection.store import RESIDUAL_MAPS, write_diagnosis
+from ..diagnosis.setup.unknown_object import DataMaps
 from ..diagnosis.verdict.verdict import Diagnosis
 from ..diagnosis.verdict.warnings import advice
 from ..diagnosis.verdict_text import DIFFERENCES, PRACTICAL
@@ -33,7 +34,8 @@ def write_results(diagnosis: Diagnosis, output) -> None:
     content, overlay = diagnosis.content, {}
     if diagnosis.choice is None:
         shown, maps = diagnosis.setup.maps(), {}
-        html = setup_page(content, *shown)
+        unknown = isinstance(diagnosis.setup, DataMaps)
+        html = data_page(content, diagnosis.setup) if unknown else setup_page(content, *shown)
     else:
         shown = residual_maps(diagnosis)
         maps = {location.domain: location.map for location in diagnosis.before}
@@ -100,6 +102,13 @@ def setup_page(content: dict, stated: np.ndarray, best: np.ndarray) -> str:
     """
     maps = picture(figures.draw_setup(stated, best, content["recording"], content["setup"]["of"]))
     return render_diagnosis("diagnosis_of_setup", content, maps=maps)
+
+
+def data_page(content: dict, maps: DataMaps) -> str:
+    """Return the report of a recording whose object is not known, as HTML."""
+    names = maps.quantity, f"differences of {maps.of}"
+    figure = figures.draw_setup(maps.data, maps.differences, content["recording"], maps.quantity, names)
+    return render_diagnosis("diagnosis_of_data", content, maps=picture(figure))
 
 
 def residual_maps(diagnosis: Diagnosis) -> tuple[np.ndarray, np.ndarray]:

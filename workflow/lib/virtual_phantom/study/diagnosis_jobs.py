@@ -22,6 +22,7 @@ from ..diagnosis.settings import (
     RecordingSettings,
     ScannerSettings,
     ShapesObject,
+    UnknownObject,
 )
 from ..diagnosis.workload import samples_and_step
 from ..physics.effect import OF_SCANNER, image_effects, load, require
@@ -36,8 +37,10 @@ READ_BYTES = 35  # memory per ray of a recording (measured: 33, for a clinical r
 DEFAULT_CORES = 2  # of a diagnosis if the number of available cores is not known
 
 
-def _object_file(scanned: MaskedObject | LabelledObject | ShapesObject) -> dict[str, str]:
+def _object_file(scanned: MaskedObject | LabelledObject | ShapesObject | UnknownObject) -> dict[str, str]:
     """Return {kind of file: path} of the description of an object."""
+    if isinstance(scanned, UnknownObject):
+        return {}
     if isinstance(scanned, ShapesObject):
         return {"shapes": shipped(object_path(scanned.kind))}
     return {"mask": scanned.mask} if isinstance(scanned, MaskedObject) else {"labels": scanned.labels}
@@ -81,7 +84,8 @@ class Diagnosis:
             shown = candidate_conditions(recordings.content(name))
             if recording.protocol:
                 shown["helical"] = plan.scan_of(recording.protocol).trajectory == "helical"
-            effects[name] = [] if recording.physics_from else candidates(recording, **shown)
+            none = recording.physics_from or recording.of_unknown
+            effects[name] = [] if none else candidates(recording, **shown)
         diagnosis = cls(plan, files, recordings, engine, effects, rates)
         for scanner in settings.scanners:
             diagnosis.shared_candidates(scanner)  # raises InputError for wrong settings
@@ -396,6 +400,8 @@ class Diagnosis:
         derivatives and numerical errors. For images, it includes random realizations of the noise.
         """
         settings, protocol = self.settings[name], self.protocol(name)
+        if settings.of_unknown:
+            return self.recordings.megabytes(name)
         if protocol:
             shape, view_step = (protocol.projections, protocol.scan.rows, protocol.scan.columns), 1
         else:

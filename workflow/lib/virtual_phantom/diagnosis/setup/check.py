@@ -67,7 +67,8 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult 
     taken = scans(recording.repeats)
     known = {number.name: SURE * number.sd for number in nuisances(0.0, 1.0, request.settings.alignment)}
     reach = {name: known[name] for name in (*PLACE, "scale")}
-    comparison = Comparison(scene_of(request), taken.repeats, taken.usable, MOST, reach, request.settings.location)
+    location, unchecked = request.settings.location, recording.document.content.get("not_checked", ())
+    comparison = Comparison(scene_of(request), taken.repeats, taken.usable, MOST, reach, location, unchecked)
     scan = recording.document.content["scan"]
     finding = find(comparison, scan, recording.log, float(taken.repeats[:, taken.usable].max()))
     mistakes = {}

@@ -6,7 +6,7 @@ cubic polynomial of the simulated line integrals describes this, but not a wrong
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import product
@@ -138,6 +138,8 @@ class Comparison:
         without a tolerance are free.
     location : mapping of str to float, optional
         Stated location of the object, by name of LOCATION, mm; 0 if not stated.
+    not_checked : collection of str, optional
+        Checks of lengths to skip (recordings.scan.scan_geometry).
     """
 
     def __init__(
@@ -148,10 +150,11 @@ class Comparison:
         most: Sequence[int],
         reach: Mapping[str, float],
         location: Mapping[str, float] | None = None,
+        not_checked: Collection[str] = (),
     ):
         self._scene, self._lines, self._usable, self._most, self._reach = scene, lines, usable, tuple(most), reach
         self._mu, self.location = scene.attenuation_per_mm, dict(location or {})
-        self._anywhere, self._by_grid, self._kept = False, False, {}
+        self._anywhere, self._by_grid, self._kept, self._not_checked = False, False, {}, not_checked
 
     def coarser(self, most: Sequence[int]) -> Comparison:
         """Return the comparison with fewer rays."""
@@ -275,7 +278,7 @@ class Comparison:
         InputError
             For impossible lengths.
         """
-        whole = scan_geometry(dict(description.scan), "scan")
+        whole = scan_geometry(dict(description.scan), "scan", self._not_checked)
         views, rows, columns = self._steps((whole.views, whole.rows, whole.columns))
         thinned = {}
         for axis, step in (("row", rows), ("column", columns)):

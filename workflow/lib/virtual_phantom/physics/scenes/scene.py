@@ -185,7 +185,9 @@ class DiscScene(Scene):
     diameter_mm : float
         Diameter at size 1; the axis is the z axis.
     mu_per_mm : float, optional
-        Attenuation of the monochromatic beam in the material, 1/mm, from which its energy follows; None: 60 keV.
+        Attenuation of the monochromatic beam in the material, 1/mm, from which its energy follows.
+    energy_kev : float, optional
+        Energy of the monochromatic beam, keV, without `mu_per_mm`.
 
     Raises
     ------
@@ -193,9 +195,11 @@ class DiscScene(Scene):
         If the material has this attenuation at no energy.
     """
 
-    def __init__(self, diameter_mm: float, material: str, mu_per_mm: float | None = None):
+    def __init__(
+        self, diameter_mm: float, material: str, mu_per_mm: float | None = None, energy_kev: float = DISC_ENERGY_KEV
+    ):
         self.radius_mm, self.materials = diameter_mm / 2, (material,)
-        self.energy_kev = DISC_ENERGY_KEV if mu_per_mm is None else energy_of(material, mu_per_mm)
+        self.energy_kev = energy_kev if mu_per_mm is None else energy_of(material, mu_per_mm)
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
         """As GridScene.path_lengths; rotations have no effect."""

@@ -6,16 +6,18 @@ of its sources and checks the result by loading it.
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
 import yaml
 
 from ...base.errors import InputError, InputErrors, lines_of
+from ...io.files import sha256
 from ...io.hdf5 import new_file
 from ..document import FILE_NAME
 from ..reading import load_recording
@@ -69,9 +71,31 @@ def write_folder(
     return load_recording(folder)
 
 
+def one_checksum(paths: Collection[Path]) -> dict:
+    """Return one checksum of many files for `origin`: sha256sum * | cut -d' ' -f1 | sort | sha256sum."""
+    lines = "".join(f"{digest}\n" for digest in sorted(map(sha256, paths)))
+    return {"files": len(paths), "sha256": [hashlib.sha256(lines.encode()).hexdigest()]}
+
+
 def write_line_integrals(path: Path, line_integrals: np.ndarray, angles_deg: np.ndarray, **options) -> None:
     """Write line integrals [view, row, column] and angles in the Data Exchange layout. Options are of h5py."""
+    write_projections(path, line_integrals, angles_deg, **options)
+
+
+def write_projections(
+    path: Path,
+    data: np.ndarray,
+    angles_deg: np.ndarray | None,
+    white: np.ndarray | None = None,
+    dark: np.ndarray | None = None,
+    **options,
+) -> None:
+    """Write projections [view, row, column] in the Data Exchange layout: line integrals without a white field."""
     with new_file(path) as file:
-        data = file.create_dataset("exchange/data", data=line_integrals, compression="gzip", **options)
-        data.attrs["log"] = True
-        file.create_dataset("exchange/theta", data=angles_deg).attrs["units"] = "degree"
+        stored = file.create_dataset("exchange/data", data=data, compression="gzip", **options)
+        stored.attrs["log"] = white is None
+        if white is not None:
+            file.create_dataset("exchange/data_white", data=white[None], compression="gzip")
+            file.create_dataset("exchange/data_dark", data=dark[None], compression="gzip")
+        if angles_deg is not None:
+            file.create_dataset("exchange/theta", data=angles_deg).attrs["units"] = "degree"

@@ -6,7 +6,6 @@ compared with each other: sizes, angles and positions, field of view, focal spot
 
 from __future__ import annotations
 
-import hashlib
 import math
 import struct
 from collections.abc import Iterator
@@ -24,11 +23,10 @@ from ...base.errors import InputError, reading
 from ...base.geometry import SPOT_KEYS
 from ...base.vectors import CYLINDRICAL, FLAT
 from ...io import dicom_ct_pd as pd
-from ...io.files import sha256
 from ...io.volumes import check_fits
 from ...phantom.dicom_files import UnusedFiles, add_not_dicom, files_in, split_dicom
 from ..recording import Recording
-from . import write_folder, write_line_integrals
+from . import one_checksum, write_folder, write_line_integrals
 
 FRAMES, SHARED_FRAMES = (0x5200, 0x9230), (0x5200, 0x9229)  # elements of single frames, and of all frames
 # Elements that are constant in one scan, in words.
@@ -124,16 +122,10 @@ def import_dicom_ct_pd(
         "scan": scan,
         "corrected": [name for name, tag in pd.CORRECTIONS.items() if common.get(tag) == "YES"],
         "nominal": _nominal(first, common, views),
-        "origin": {"importer": "dicom-ct-pd", **_checksum({view.path for view in views})},
+        "origin": {"importer": "dicom-ct-pd", **one_checksum({view.path for view in views})},
         "repeats": ["projections.h5"],
     }
     return write_folder(folder, "projections", phantom, content, write)
-
-
-def _checksum(paths: set[Path]) -> dict:
-    """Return one checksum of all files (thousands): sha256sum * | cut -d' ' -f1 | sort | sha256sum."""
-    lines = "".join(f"{digest}\n" for digest in sorted(map(sha256, paths)))
-    return {"files": len(paths), "sha256": [hashlib.sha256(lines.encode()).hexdigest()]}
 
 
 def _read(source: Path) -> list[View]:

@@ -47,6 +47,7 @@ def import_dicom_tree(
     phantom: str | None = None,
     kernel: str | None = None,
     not_checked: Collection[str] = (),
+    one_slice: bool = False,
 ) -> Recording:
     """Write a recording of images and load it. Repeats are numbered in the order of their folder names.
 
@@ -59,6 +60,8 @@ def import_dicom_tree(
         Import only series with this reconstruction kernel, as in the DICOM header (Br38f/3 for [Br38f, 3]).
     not_checked : collection of str, optional
         Names of plausibility.CHECKS to skip, now and whenever the recording is loaded.
+    one_slice : bool, optional
+        Whether a series may have a single slice.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def import_dicom_tree(
         grid: Grid | None = None
         seen: dict[bytes, str] = {}
         for entry, name in zip(chosen, names, strict=True):
-            label, image = entry.series.name, read_slices(entry.series)
+            label, image = entry.series.name, read_slices(entry.series, one_slice)
             require_plausible(image.array, image.grid, label, not_checked)
             if grid is not None and (mismatch := grid_mismatch(image.grid, grid, label, first.series.name)):
                 raise InputError(mismatch)

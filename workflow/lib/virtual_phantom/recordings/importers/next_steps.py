@@ -16,6 +16,7 @@ FITTED_VIEWS = 150  # of a scan with many views; config/htc2022.yaml fits and ho
 PROTOCOL, NOISE = "group_2", "mgy10"
 # Study for images: the alignment and the diagnosis need whole images, which the default study makes for a figure only.
 STUDY_OF_IMAGES = "config/paper_groups.yaml"
+ARRAYS = ("projections", "xtekct")  # importers of data whose object is often not known
 # Tolerances of the alignment, by importer. Line integrals do not state their energy: without a spectrum, the density
 # scale is free. A size is measured to one percent. Air next to the discs of the challenge is off by about 0.01.
 ALIGNMENT = {"htc2022": "{scale: 1.0, size: 0.01, offset: 0.02}", "dicom-ct-pd": "{scale: 1.0, size: 0.01}"}
@@ -45,7 +46,7 @@ def next_steps(recording: Recording) -> str:
     else:
         lines += ["diagnosis:", "  recordings:", *_diagnosed(recording, importer)]
         target = ("diagnosis",)
-        if importer != "study":
+        if importer not in ("study", *ARRAYS):
             blanks = ", and replace the words in capitals by the properties of the scanned object"
     return "\n".join(
         [
@@ -71,6 +72,11 @@ def _diagnosed(recording: ProjectionsRecording, importer: str) -> list[str]:
         return [f"    {recording.name}: {{}} # the study's phantom: run it with the study's own configuration"]
     mask = recording.document.folder / OBJECT
     lines = [f"    {recording.name}:"]
+    if importer in ARRAYS:
+        return [
+            *lines,
+            "      object: {unknown: true} # checks the data alone; state the object if it is known",
+        ]
     if mask.is_file():
         lines += [f"      object: {{mask: {_scalar(str(mask))}, material: MATERIAL}} # water, acrylic, aluminium, ..."]
     else:

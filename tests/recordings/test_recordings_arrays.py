@@ -1,0 +1,247 @@
+"""Import of projections that other packages wrote: TIFF, PNG, NumPy, MATLAB, HDF5 and Nikon files."""
+
+import h5py
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.diagnosis.candidate_effects import candidate_conditions, candidates
+from virtual_phantom.diagnosis.settings import RecordingSettings
+from virtual_phantom.recordings.importers.arrays import read_frames
+from virtual_phantom.recordings.importers.command import main
+from virtual_phantom.recordings.importers.projections import arranged, import_projections
+from virtual_phantom.recordings.importers.xtekct import import_xtekct
+from virtual_phantom.recordings.summary import summarize_recording
+
+VIEWS, ROWS, COLUMNS = 12, 3, 40
+WHITE, DARK = 40_000.0, 100.0
+PARALLEL = {"beam": "parallel", "pixel": [0.65], "unit": "um", "angles": "0,15"}
+FAN = {"source_to_axis": 500, "source_to_detector": 1000, "pixel": [8.0], "angles": "0,30"}
+
+
+def line_integrals(views=VIEWS):
+    column = np.arange(COLUMNS) - (COLUMNS - 1) / 2
+    return np.exp(-((column - np.arange(views)[:, None, None] / 4) ** 2) / 40) * np.ones((views, ROWS, 1))
+
+
+def counts():
+    return np.rint(DARK + (WHITE - DARK) * np.exp(-line_integrals())).astype(np.uint16)
+
+
+FLATS, DARKS = np.full((2, ROWS, COLUMNS), WHITE, np.float32), np.full((ROWS, COLUMNS), DARK, np.float32)
+
+
+def tiff(folder):
+    tifffile.imwrite(folder / "ct.tif", counts())
+    tifffile.imwrite(folder / "flat.tiff", FLATS)
+    tifffile.imwrite(folder / "dark.tif", DARKS)
+    return folder / "ct.tif", {"flat": folder / "flat.tiff", "dark": folder / "dark.tif"}
+
+
+def png_folder(folder):
+    (folder / "views").mkdir()
+    for number, image in enumerate(counts(), start=1):  # view_10 follows view_9
+        imageio.imwrite(folder / "views" / f"view_{number}.png", image)
+    return folder / "views", {"flat": WHITE, "dark": DARK}
+
+
+def numpy_file(folder):
+    np.save(folder / "ct.npy", counts().transpose(2, 0, 1))
+    np.save(folder / "flat.npy", FLATS)
+    return folder / "ct.npy", {"axes": "cvr", "flat": folder / "flat.npy", "dark": DARK}
+
+
+def data_exchange(folder):
+    with h5py.File(folder / "ct.h5", "w") as file:
+        file["exchange/data"], file["exchange/data_white"] = counts(), FLATS
+        file["exchange/data_dark"] = DARKS[None]
+        file["exchange/theta"] = np.radians(15.0 * np.arange(VIEWS))
+        file["exchange/theta"].attrs["units"] = "radians"
+    return folder / "ct.h5", {"angles": None}
+
+
+def nexus(folder):
+    keys = [2, *[0] * VIEWS, 1, 1]
+    with h5py.File(folder / "ct.nxs", "w") as file:
+        detector = file.create_group("entry1/tomo_entry/instrument/detector")
+        detector["data"] = np.concatenate([DARKS[None], counts(), FLATS]).astype(np.uint16)
+        detector["image_key"] = keys
+        file["entry1/tomo_entry/data/data"] = detector["data"]  # the same array under a second name, as NXtomo has it
+        angles = np.zeros(len(keys))
+        angles[1 : VIEWS + 1] = 15.0 * np.arange(VIEWS)
+        file["entry1/tomo_entry/sample/rotation_angle"] = angles
+    return folder / "ct.nxs", {"angles": None}
+
+
+def matlab_73(folder):
+    with h5py.File(folder / "ct.mat", "w") as file:
+        file["scan"] = counts().T  # MATLAB's first axis is the last of HDF5
+        file["note"] = np.zeros((1, 5))
+    return folder / "ct.mat", {"flat": WHITE, "dark": DARK}
+
+
+@pytest.mark.parametrize("write", [tiff, png_folder, numpy_file, data_exchange, nexus, matlab_73])
+def test_counts_of_other_writers_give_the_same_line_integrals(write, tmp_path):
+    source, options = write(tmp_path)
+    given_options = {key: value and str(value) for key, value in (PARALLEL | options).items() if key not in ("pixel",)}
+    recording = import_projections(source, tmp_path / "scan", **given_options, pixel=[0.65])
+    np.testing.assert_allclose(recording.repeats[0].line_integrals(1e-4), line_integrals(), atol=1e-4)
+    geometry = recording.geometry
+    np.testing.assert_allclose(np.degrees(geometry.angles_rad), 15 * np.arange(VIEWS), atol=1e-9)
+    assert geometry.parallel and geometry.column_pitch_mm == pytest.approx(0.00065)
+
+
+def test_matlab_sinogram_in_detector_elements(tmp_path):
+    savemat(tmp_path / "s.mat", {"data": line_integrals()[:, 0].T + 0.3, "angles": np.arange(VIEWS)[None]})
+    options = FAN | {"pixel": [1.0], "source_to_axis": 3492, "source_to_detector": 3492, "unit": "element"}
+    recording = import_projections(tmp_path / "s.mat", tmp_path / "fan", axes="cv", log=True, air_columns=2, **options)
+    np.testing.assert_allclose(recording.repeats[0].data[:, 0], line_integrals()[:, 0], atol=0.01)
+    geometry = recording.geometry
+    assert geometry.source_to_isocentre_mm == 3492 and geometry.column_pitch_mm / geometry.magnification == 1
+    assert "lengths are in detector elements" in recording.notes[0]
+    assert "elements" in summarize_recording(recording)["text"]
+    tried = candidates(RecordingSettings(None, None, {}), **candidate_conditions(recording.document.content))
+    assert {"optical_crosstalk", "detector_offset", "gain_pattern"} <= set(tried)
+    assert not {"spectrum", "focal_spot", "veiling_glare", "source_distance"} & set(tried)
+
+
+@settings(max_examples=30, deadline=None)
+@given(order=st.permutations("vrc"), reversed_axes=st.sets(st.sampled_from("vrc")))
+def test_axes_are_put_into_order(order, reversed_axes):
+    array = np.arange(24).reshape(2, 3, 4)
+    stored = array.transpose(["vrc".index(letter) for letter in order])
+    stored = stored[tuple(slice(None, None, -1 if letter in reversed_axes else None) for letter in order)]
+    axes = "".join(letter.upper() if letter in reversed_axes else letter for letter in order)
+    np.testing.assert_array_equal(arranged(stored, axes, "file"), array)
+
+
+def test_pixels_are_averaged_and_clipped_values_are_reported(tmp_path, caplog):
+    data = np.full((VIEWS, 4, COLUMNS), 255, np.uint8)
+    data[:, :, 10:14] = np.arange(4) * 20 + 100
+    np.save(tmp_path / "ct.npy", data)
+    for factor, text in (
+        (1, "values have 8 bits"),
+        (2, "90 % of the values are 255, the largest one: they were clipped"),
+    ):
+        recording = import_projections(
+            tmp_path / "ct.npy", tmp_path / f"bin{factor}", flat="255", bin=factor, **FAN | {"pixel": [8.0 / factor]}
+        )
+        assert any(text in line for line in (*recording.notes, recording.nominal.get("notes", "")))
+        assert recording.geometry.columns == COLUMNS // factor and recording.geometry.rows == 4 // factor
+    assert recording.geometry.column_pitch_mm == 8
+    np.testing.assert_array_equal(recording.repeats[0].data[0, 0, 4:8], [255, 110, 150, 255])
+    assert "no dark field" in caplog.text
+
+
+def test_angles_from_a_list(tmp_path):
+    np.save(tmp_path / "ct.npy", line_integrals())
+    golden = (111.25 * np.arange(VIEWS)) % 360
+    np.savetxt(tmp_path / "golden.txt", golden)
+    uneven = np.cumsum([0, 1, 2, *[3] * (VIEWS - 3)]) - 170.0
+    np.savetxt(tmp_path / "uneven.csv", np.column_stack([np.arange(VIEWS), uneven]), delimiter=",", header="view,angle")
+    for name, angles, listed in (("golden.txt", golden, False), ("uneven.csv", uneven, True)):
+        options = PARALLEL | {"angles": str(tmp_path / name)}
+        recording = import_projections(tmp_path / "ct.npy", tmp_path / name[:6], log=True, **options)
+        difference = np.degrees(recording.geometry.angles_rad) - angles
+        np.testing.assert_allclose((difference + 180) % 360 - 180, 0, atol=1e-4)
+        assert ("angles_deg" in recording.scan) == listed
+
+
+XTEKCT = """[XTekCT]
+SrcToObject=20.5
+SrcToDetector=900
+DetectorPixelsX=40
+DetectorPixelSizeX=0.2
+DetectorPixelsY=3
+DetectorPixelSizeY=0.2
+Units=mm
+WhiteLevel=40000
+InitialAngle=10.0
+AngularStep=30.0
+[Xrays]
+XraykV=70
+XrayuA=300
+TargetMaterial=Tungsten
+[DICOM]
+DICOMTags=<?xml version="1.0"?><Tag>100%</Tag>
+"""
+
+
+def test_nikon_scan(tmp_path):
+    (tmp_path / "scan.xtekct").write_text(XTEKCT)
+    (tmp_path / "images").mkdir()
+    rising = (counts() - np.arange(ROWS, dtype=np.uint16)[:, None]).astype(np.uint16)  # the top row comes first
+    for number, image in enumerate(rising):
+        tifffile.imwrite(tmp_path / "images" / f"scan_{number:04d}.tif", image)
+    recording = import_xtekct(tmp_path / "scan.xtekct", tmp_path / "balls", images=str(tmp_path / "images"))
+    np.testing.assert_array_equal(recording.repeats[0].data, rising[:, ::-1])
+    assert recording.repeats[0].white.max() == 40_000
+    assert np.degrees(recording.geometry.angles_rad[:2]) == pytest.approx([10, 40])
+    assert recording.nominal["tube_kvp"] == 70 and recording.nominal["tube_current_ma"] == 0.3
+    (tmp_path / "scan.ang").write_text("Proj\tAngle(deg)\n1:\t000.000\n2:\t-030.000\n")
+    with pytest.raises(InputError, match="has 2 angles for 12 images"):
+        import_xtekct(tmp_path / "scan.xtekct", tmp_path / "other", images=str(tmp_path / "images"))
+
+
+MISTAKES = {
+    "counts need a flat field; give --flat, --air-columns, or --log": {},
+    "--axes vc does not fit the shape (12, 3, 40)": {"axes": "vc", "log": True},
+    "--axes vvc does not fit the shape": {"axes": "vvc", "log": True},
+    "the flat field has shape (3, 41), but a projection has 3 rows and 40 columns": {"flat": "wide.npy"},
+    "states no view angles; give --angles START,STEP, a file, or unknown": {"log": True, "angles": None},
+    "is neither a file nor START,STEP": {"log": True, "angles": "all"},
+    "has 3 angles for 12 views": {"log": True, "angles": "three.txt"},
+    "a divergent beam needs --source-to-axis and --source-to-detector": {"log": True, "beam": "divergent"},
+    "--air-columns 20 does not fit 40 columns": {"log": True, "air_columns": 20},
+    "scan.source_to_isocentre_mm: 50 is less than the minimum of 100": {
+        **{"log": True, "beam": "divergent", "source_to_axis": 50, "source_to_detector": 900, "pixel": [0.2]},
+        "unit": "mm",
+    },
+}
+
+
+@pytest.mark.parametrize("message", MISTAKES)
+def test_mistakes_are_one_line_and_leave_nothing(message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.save("ct.npy", line_integrals())
+    np.save("wide.npy", np.ones((ROWS, COLUMNS + 1)))
+    np.savetxt("three.txt", [1, 2, 3])
+    with pytest.raises(InputError) as error:
+        import_projections("ct.npy", tmp_path / "scan", **PARALLEL | MISTAKES[message])
+    assert message in str(error.value) and "\n" not in str(error.value)
+    assert not (tmp_path / "scan").exists()
+
+
+def test_unreadable_and_ambiguous_files(tmp_path):
+    savemat(tmp_path / "two.mat", {"a": np.ones((4, 5)), "b": np.ones((4, 5))})
+    (tmp_path / "broken.tif").write_bytes(b"II*\0 broken")
+    (tmp_path / "scan.raw").write_bytes(b"0")
+    (tmp_path / "mixed").mkdir()
+    for name, shape in (("a.png", (4, 5)), ("b.png", (4, 6))):
+        imageio.imwrite(tmp_path / "mixed" / name, np.zeros(shape, np.uint8))
+    for name, message in {
+        "two.mat": "has 2 arrays (a and b); name one with --dataset",
+        "broken.tif": "cannot be read as image",
+        "scan.raw": "has an unknown format",
+        "mixed": "keep only the projections in this folder",
+        "none.npy": "no such file",
+    }.items():
+        with pytest.raises(InputError, match=".*") as error:
+            read_frames(tmp_path / name)
+        assert message in str(error.value), name
+    assert read_frames(tmp_path / "two.mat", "b").data.shape == (4, 5)
+
+
+def test_command_prints_the_configuration_of_an_unknown_object(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    np.save("ct.npy", counts())
+    options = "--flat 40000 --dark 100 --angles unknown --beam parallel --unit element"
+    assert main(["projections", "ct.npy", "frames", *options.split()]) == 0
+    printed = capsys.readouterr().out
+    assert "unknown angles" in printed and "object: {unknown: true}" in printed
+    assert "the view angles are not known" in printed

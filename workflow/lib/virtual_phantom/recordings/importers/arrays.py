@@ -1,0 +1,173 @@
+"""Reading of arrays from image stacks (TIFF, PNG), NumPy, MATLAB and HDF5 files (Data Exchange, NeXus NXtomo)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+import tifffile
+from PIL import Image
+from scipy.io import loadmat
+
+from ...base.errors import InputError, reading
+from ...base.names import enumerated
+from ..projections import theta_degrees
+
+TIFF, IMAGES = (".tif", ".tiff"), (".tif", ".tiff", ".png", ".bmp")
+HDF5 = (".h5", ".hdf5", ".hdf", ".nxs")
+# Values of image_key of NXtomo (NeXus application definition): projection, flat field, dark field; 3 is invalid.
+PROJECTION, FLAT, DARK = 0, 1, 2
+MOST_NAMES = 8  # datasets listed in a message
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames of a file, and what the file states beside them; None where it states nothing.
+
+    Attributes
+    ----------
+    data : ndarray
+        Axes as stored.
+    flat, dark : ndarray or None
+        Frames without an object and without X-rays.
+    angles_deg : ndarray, shape (views,), or None
+    log : bool
+        Whether the file says that its values are line integrals.
+    """
+
+    data: np.ndarray
+    flat: np.ndarray | None = None
+    dark: np.ndarray | None = None
+    angles_deg: np.ndarray | None = None
+    log: bool = False
+
+
+def read_frames(source: str | Path, dataset: str | None = None) -> Frames:
+    """Read the frames of a file, or of a folder with one image per view.
+
+    Parameters
+    ----------
+    dataset : str, optional
+        Variable of a MATLAB or .npz file, or path in an HDF5 file. Default: the only array, or the largest one in HDF5.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged or of an unknown format, or has several arrays.
+    """
+    path = Path(source)
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder; correct the path")
+    if path.is_dir():
+        return Frames(_stack(path))
+    suffix = path.suffix.lower()
+    if suffix in IMAGES:
+        return Frames(_image(path))
+    if suffix == ".npy":
+        with reading(path, "NumPy array"):
+            return Frames(np.load(path, allow_pickle=False))
+    if suffix == ".npz":
+        with reading(path, "NumPy archive"), np.load(path, allow_pickle=False) as file:
+            return Frames(_chosen(path, {name: file[name] for name in file.files}, dataset))
+    if suffix == ".mat":
+        return Frames(_matlab(path, dataset))
+    if suffix in HDF5:
+        return _hdf5(path, dataset)
+    known = " ".join((*IMAGES, ".npy", ".npz", ".mat", *HDF5))
+    raise InputError(f"{path}: has an unknown format; convert it to one of {known}, or give a folder of images")
+
+
+def _image(path: Path) -> np.ndarray:
+    with reading(path, "image"):
+        if path.suffix.lower() in TIFF:
+            with tifffile.TiffFile(path) as file:
+                return file.series[0].asarray()
+        with Image.open(path) as image:
+            return np.asarray(image)
+
+
+def _stack(folder: Path) -> np.ndarray:
+    """Return the images of a folder, shape (views, rows, columns), in the order of the numbers in their names."""
+    files = sorted(
+        (path for path in folder.iterdir() if path.suffix.lower() in IMAGES),
+        key=lambda path: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)],
+    )
+    if not files:
+        raise InputError(f"{folder}: has no images ({' '.join(IMAGES)}); give the folder with the projections")
+    first = _image(files[0])
+    if first.ndim != 2:
+        raise InputError(f"{files[0]}: has shape {first.shape}; use gray images, one per view")
+    stack = np.empty((len(files), *first.shape), first.dtype)
+    for index, path in enumerate(files):
+        image = _image(path)
+        if (image.shape, image.dtype) != (first.shape, first.dtype):
+            raise InputError(
+                f"{path}: has shape {image.shape} and type {image.dtype}, but {files[0].name} has {first.shape} and "
+                f"{first.dtype}; keep only the projections in this folder"
+            )
+        stack[index] = image
+    return stack
+
+
+def _matlab(path: Path, dataset: str | None) -> np.ndarray:
+    if h5py.is_hdf5(path):  # version 7.3, whose arrays HDF5 shows with reversed axes
+        with reading(path, "MATLAB 7.3"), h5py.File(path, "r") as file:
+            arrays = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
+            return np.asarray(_chosen(path, arrays, dataset)[...]).T
+    with reading(path, "MATLAB"):
+        arrays = {name: value for name, value in loadmat(path).items() if not name.startswith("__")}
+    return _chosen(path, arrays, dataset)
+
+
+def _chosen(path: Path, arrays: Mapping, dataset: str | None):
+    """Return an array by name, or the only array of numbers with at least two dimensions."""
+    if dataset is not None:
+        if dataset not in arrays:
+            raise InputError(f"{path}: has no dataset {dataset}; it has {_listed(list(arrays))}")
+        return arrays[dataset]
+    names = [name for name, value in arrays.items() if _numeric(value) and min(value.shape) > 1]
+    if len(names) != 1:
+        raise InputError(f"{path}: has {len(names)} arrays ({_listed(names)}); name one with --dataset")
+    return arrays[names[0]]
+
+
+def _numeric(value) -> bool:
+    return getattr(getattr(value, "dtype", None), "kind", "") in "uif" and value.ndim >= 2
+
+
+def _listed(names: Sequence[str]) -> str:
+    return enumerated([*names[:MOST_NAMES], *["others"] * (len(names) > MOST_NAMES)]) or "none"
+
+
+def _hdf5(path: Path, dataset: str | None) -> Frames:
+    with reading(path, "HDF5"), h5py.File(path, "r") as file:
+        found: dict[str, h5py.Dataset] = {}
+        file.visititems(lambda name, item: found.update({name: item} if isinstance(item, h5py.Dataset) else {}))
+        arrays = {name: item for name, item in found.items() if _numeric(item)}
+        if dataset is not None:
+            dataset = dataset.strip("/")
+            data = file[dataset] if dataset in file else _chosen(path, arrays, dataset)
+        else:
+            whole = [item for item in arrays.values() if item.ndim == max(item.ndim for item in arrays.values())]
+            largest = [item for item in whole if item.size == max(item.size for item in whole)]
+            if len(largest) != 1:
+                names = [name for name, item in arrays.items() if item in largest]
+                raise InputError(f"{path}: has {len(names)} arrays ({_listed(names)}); name one with --dataset")
+            (data,) = largest
+        beside = {name.rpartition("/")[2]: item for name, item in found.items()}
+        angles = next(
+            (theta_degrees(path, beside[name]) for name in ("theta", "rotation_angle") if name in beside), None
+        )
+        flat, dark = (data.parent.get(name) for name in ("data_white", "data_dark"))
+        flat, dark = (item[...] if isinstance(item, h5py.Dataset) else None for item in (flat, dark))
+        keys, values = beside.get("image_key"), data[...]
+        if keys is not None and keys.shape == (len(values),):
+            key = keys[...]
+            angles = angles[key == PROJECTION] if angles is not None and angles.shape == key.shape else angles
+            flat, dark = (values[key == kind] if (key == kind).any() else None for kind in (FLAT, DARK))
+            values = values[key == PROJECTION]
+        return Frames(values, flat, dark, angles, str(data.attrs.get("log", "")).lower() in ("true", "1"))

@@ -1,0 +1,318 @@
+"""Import of projections from arrays: image stacks, NumPy, MATLAB and HDF5 files, with flat and dark fields."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...base.console import note
+from ...base.errors import InputError
+from ...base.geometry import PARALLEL
+from ...io.files import files_of
+from ..projections import THETA_TOLERANCE, quantized
+from ..recording import Recording
+from ..scan import ELEMENT, UNKNOWN
+from . import one_checksum, write_folder, write_projections
+from .arrays import Frames, read_frames
+
+AXES = "vrc"  # view, row, column
+UNITS = {"mm": 1.0, "um": 1e-3, ELEMENT: 1.0}  # lengths in recording.yaml per unit of the options
+
+
+def import_projections(
+    source: str | Path,
+    folder: str | Path,
+    phantom: str | None = None,
+    *,
+    dataset: str | None = None,
+    axes: str | None = None,
+    flat: str | None = None,
+    dark: str | None = None,
+    air_columns: int = 0,
+    log: bool = False,
+    bin: int = 1,
+    angles: str | None = None,
+    beam: str = "divergent",
+    source_to_axis: float | None = None,
+    source_to_detector: float | None = None,
+    pixel: Sequence[float] = (1.0,),
+    unit: str = "mm",
+    tube_kvp: float | None = None,
+    energy_kev: float | None = None,
+    not_checked: Sequence[str] = (),
+) -> Recording:
+    """Write a recording of projections and load it.
+
+    Parameters
+    ----------
+    source : str or Path
+        File or folder (arrays.read_frames).
+    axes : str, optional
+        A letter of AXES for each axis of the array; a capital letter reverses it. Default: vrc, or vc for a fan beam.
+    flat, dark : str, optional
+        File, or number, of the counts without an object and without X-rays. Default: what the file states; no dark
+        signal.
+    air_columns : int, optional
+        Number of columns at either edge that see air. Their mean replaces the flat field; if the values are line
+        integrals, it is subtracted.
+    log : bool, optional
+        Whether the values are line integrals.
+    bin : int, optional
+        Number of pixels, along columns and rows, that are averaged to one.
+    angles : str, optional
+        "START,STEP" in degrees, a file with one angle per view, or "unknown". Default: what the file states.
+    source_to_axis, source_to_detector, pixel, unit : optional
+        Distances and width (and height) of a pixel in "mm", "um" or detector elements ("element": scale not known).
+    not_checked : sequence of str, optional
+        "size": lengths of small or large scanners are accepted.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, shapes do not fit, or the flat field, the angles or a distance are missing.
+    """
+    frames = read_frames(source, dataset)
+    data = arranged(frames.data, axes, source)
+    log = log or frames.log
+    white, black = (
+        read_field(given, stated, name, data.shape, source)
+        for given, stated, name in ((flat, frames.flat, "flat"), (dark, frames.dark, "dark"))
+    )
+    if log:
+        if air_columns:
+            level = float(_air(data, air_columns, source).mean())
+            note(f"{source}: line integrals of air were {level:.4g} and are now 0")
+            data = data - level
+        white = None
+    elif air_columns:
+        white = np.full(data.shape[1:], _air(data, air_columns, source).mean())
+    elif white is None:
+        raise InputError(
+            f"{source}: counts need a flat field; give --flat, --air-columns, or --log if these are line integrals"
+        )
+    scan = scan_section(
+        binned(data, bin).shape,
+        _angles(angles, frames, len(data), source),
+        beam=beam,
+        distances=(source_to_axis, source_to_detector),
+        pixel=[bin * float(side) for side in pixel],
+        unit=unit,
+        source=source,
+    )
+    arrays = [None if array is None else binned(array, bin) for array in (data, white, black)]
+    if white is not None and black is None:
+        note(f"{source}: no dark field; the dark signal is taken as 0")
+        arrays[2] = np.zeros(arrays[0].shape[1:])
+    files = source_files(source, flat, dark, angles)
+    stated = {"tube_kvp": tube_kvp, "energy_kev": energy_kev}
+    nominal = {key: value for key, value in stated.items() if value is not None}
+    remarks = quantized(frames.data) if bin > 1 else ()
+    return write_recording(folder, phantom, arrays, scan, nominal, "projections", files, not_checked, remarks)
+
+
+def write_recording(
+    folder: str | Path,
+    phantom: str | None,
+    arrays: Sequence[np.ndarray | None],
+    scan: dict,
+    nominal: dict,
+    importer: str,
+    files: Sequence[Path],
+    not_checked: Sequence[str] = (),
+    remarks: Sequence[str] = (),
+) -> Recording:
+    """Write data, white and dark field (None for line integrals) as a recording with one repeat, and load it.
+
+    `remarks` are those of `quantized` on values that were averaged later.
+    """
+    data, white, dark = arrays
+    if remarks:
+        nominal = nominal | {"notes": "before pixels were averaged, " + "; ".join(remarks)}
+    shown = scan.get("angles_deg", 360 / scan["views_per_rotation"] * np.arange(scan["views"]))
+    known = not isinstance(shown, str)
+    theta = scan["start_angle_deg"] + scan["direction"] * np.asarray(shown) if known else None
+
+    def write(target: Path) -> None:
+        values = data if data.dtype.kind in "ui" and white is not None else data.astype(np.float32)
+        write_projections(target / "projections.h5", values, theta, white, dark)
+
+    content = {
+        "scan": scan,
+        **({"not_checked": list(not_checked)} if not_checked else {}),
+        "nominal": nominal,
+        "origin": {"importer": importer, **one_checksum(files)},
+        "repeats": ["projections.h5"],
+    }
+    return write_folder(folder, "projections", phantom, content, write)
+
+
+def source_files(*given: str | Path | None) -> list[Path]:
+    """Return the files among options, with the files in folders."""
+    return [path for name in given if name and Path(name).exists() for path in files_of(name)]
+
+
+def arranged(array: np.ndarray, axes: str | None, source: str | Path) -> np.ndarray:
+    """Return an array with the axes view, row and column.
+
+    Raises
+    ------
+    InputError
+        If it is no array of numbers, or the letters do not fit its axes.
+    """
+    if array.dtype.kind not in "uif":
+        raise InputError(f"{source}: holds values of type {array.dtype}; give an array of numbers")
+    axes = axes or {2: "vc", 3: AXES}.get(array.ndim, "")
+    letters = axes.lower()
+    if len(letters) != array.ndim or len(set(letters)) != len(letters) or not {"v", "c"} <= set(letters) <= set(AXES):
+        raise InputError(
+            f"{source}: --axes {axes or 'vrc'} does not fit the shape {array.shape}; name each axis once: v (view), "
+            "r (row) and c (column), or v and c"
+        )
+    array = array[tuple(slice(None, None, -1 if letter.isupper() else None) for letter in axes)]
+    if "r" not in letters:
+        array, letters = array[..., None], letters + "r"
+    return np.ascontiguousarray(array.transpose([letters.index(letter) for letter in AXES]))
+
+
+def binned(array: np.ndarray, factor: int) -> np.ndarray:
+    """Return means over blocks of pixels, float32; pixels of incomplete blocks at the end are dropped."""
+    if factor == 1:
+        return array
+    *views, rows, columns = array.shape
+    high = factor if rows >= factor else 1  # a fan beam has one row
+    kept = array[..., : rows // high * high, : columns // factor * factor]
+    return kept.reshape(*views, rows // high, high, columns // factor, factor).mean(axis=(-3, -1), dtype=np.float32)
+
+
+def read_field(
+    given: str | None, stated: np.ndarray | None, name: str, shape: tuple[int, ...], source: str | Path
+) -> np.ndarray | None:
+    """Return the mean of flat or dark frames, shape (rows, columns); None if there are none."""
+    _, rows, columns = shape
+    if given is not None:
+        try:
+            return np.full((rows, columns), float(given))
+        except ValueError:
+            source, stated = given, read_frames(given).data
+    if stated is None:
+        return None
+    field = np.asarray(stated, np.float64).reshape(-1, *stated.shape[-2:]).mean(axis=0) if stated.ndim > 2 else stated
+    if rows == 1 and field.ndim == 2 and field.shape[-1] == columns:
+        field = field.mean(axis=0)
+    if field.size != rows * columns or field.shape[-1] != columns:
+        raise InputError(
+            f"{source}: the {name} field has shape {np.shape(stated)}, but a projection has {rows} rows and {columns} "
+            "columns; give frames of the same detector region"
+        )
+    return np.asarray(field, np.float64).reshape(rows, columns)
+
+
+def _air(data: np.ndarray, count: int, source: str | Path) -> np.ndarray:
+    if not 0 < 2 * count < data.shape[2]:
+        raise InputError(f"{source}: --air-columns {count} does not fit {data.shape[2]} columns; give fewer")
+    return np.concatenate([data[..., :count], data[..., -count:]], axis=-1).astype(np.float64)
+
+
+def _angles(given: str | None, frames: Frames, views: int, source: str | Path) -> np.ndarray | str:
+    """Return one angle per view, degrees, or UNKNOWN."""
+    if given == UNKNOWN:
+        return UNKNOWN
+    angles, where = frames.angles_deg, source
+    if given is not None and Path(given).exists():
+        where = given
+        if Path(given).suffix.lower() in (".txt", ".csv", ".ang", ".dat"):
+            angles = read_angles(given)
+        else:
+            angles = np.ravel(read_frames(given).data).astype(float)
+    elif given is not None:
+        try:
+            start, step = map(float, given.split(","))
+        except ValueError:
+            raise InputError(
+                f"--angles {given}: is neither a file nor START,STEP; give two numbers in degrees, a file, or unknown"
+            ) from None
+        angles = start + step * np.arange(views)
+    if angles is None:
+        raise InputError(f"{source}: states no view angles; give --angles START,STEP, a file, or unknown")
+    if angles.shape != (views,) or not np.isfinite(angles).all():
+        raise InputError(f"{where}: has {angles.size} angles for {views} views; give one angle per view, in degrees")
+    return angles
+
+
+def read_angles(path: str | Path) -> np.ndarray:
+    """Return the angles of a text file, degrees: the last number of each line; lines without a number are skipped."""
+    found = []
+    for line in Path(path).read_text(encoding="utf-8", errors="replace").splitlines():
+        words = line.replace(",", " ").replace(";", " ").split()
+        try:
+            found.append(float(words[-1]))
+        except (ValueError, IndexError):
+            continue
+    return np.array(found)
+
+
+def scan_section(
+    shape: tuple[int, ...],
+    angles_deg: np.ndarray | str,
+    *,
+    beam: str,
+    distances: Sequence[float | None],
+    pixel: Sequence[float],
+    unit: str,
+    source: str | Path,
+) -> dict:
+    """Return the scan section of recording.yaml.
+
+    A detector on the axis, as some simulators define it, is moved to twice the distance and enlarged: the rays are the
+    same.
+
+    Raises
+    ------
+    InputError
+        If a divergent beam has no distances.
+    """
+    views, rows, columns = shape
+    scan: dict = {"trajectory": "circular", "columns": columns, "rows": rows}
+    factor = UNITS[unit]
+    if beam == PARALLEL:
+        scan["beam"] = PARALLEL
+    else:
+        if None in distances:
+            raise InputError(
+                f"{source}: a divergent beam needs --source-to-axis and --source-to-detector; give --beam parallel if "
+                "the rays are parallel"
+            )
+        axis, detector = (float(distance) * factor for distance in distances)
+        if detector == axis:
+            detector, pixel = 2 * axis, [2 * side for side in pixel]
+        scan |= {"source_to_isocentre_mm": axis, "source_to_detector_mm": detector}
+    scan |= {"column_pitch_mm": float(pixel[0] * factor), "row_pitch_mm": float(pixel[-1] * factor)}
+    if unit == ELEMENT:
+        scan["length_unit"] = ELEMENT
+    return scan | angle_keys(angles_deg, views)
+
+
+def angle_keys(angles_deg: np.ndarray | str, views: int) -> dict:
+    """Return the angles as keys of the scan section: even steps, a list, or UNKNOWN."""
+    if isinstance(angles_deg, str) or views < 2:
+        return {
+            "views": views,
+            "views_per_rotation": views,
+            "start_angle_deg": 0.0,
+            "direction": 1,
+            "angles_deg": UNKNOWN,
+        }
+    start = float(angles_deg[0])
+    from_start = np.unwrap(angles_deg, period=360) - start
+    step = float(from_start[-1]) / (views - 1) or 360.0
+    scan = {
+        "views": views,
+        "views_per_rotation": abs(round(360 / step, 9)),
+        "start_angle_deg": (start + 180) % 360 - 180,
+        "direction": 1 if step > 0 else -1,
+    }
+    if np.abs(from_start - step * np.arange(views)).max() > THETA_TOLERANCE * abs(step):
+        scan["angles_deg"] = [round(float(angle), 6) for angle in scan["direction"] * from_start]
+    return scan

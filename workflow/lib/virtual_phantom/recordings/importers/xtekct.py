@@ -1,0 +1,126 @@
+"""Import of a cone-beam scan of a Nikon (X-Tek) scanner: its parameter file (.xtekct) and its images."""
+
+from __future__ import annotations
+
+import configparser
+from pathlib import Path
+
+import numpy as np
+
+from ...base.console import note
+from ...base.errors import InputError
+from ..projections import BITS_8, quantized
+from ..recording import Recording
+from ..scan import SIZE
+from .arrays import read_frames
+from .projections import angle_keys, arranged, binned, read_angles, read_field, source_files, write_recording
+
+ANODES = {"tungsten": "W", "molybdenum": "Mo", "copper": "Cu", "silver": "Ag", "rhodium": "Rh"}
+TOP_ROW_FIRST = "vRc"  # images start with the top row
+
+
+def import_xtekct(
+    source: str | Path,
+    folder: str | Path,
+    phantom: str | None = None,
+    *,
+    images: str | None = None,
+    flat: str | None = None,
+    dark: str | None = None,
+    bin: int = 1,
+) -> Recording:
+    """Write a recording of a scan and load it.
+
+    Parameters
+    ----------
+    source : str or Path
+        Parameter file. A file of angles (.ang) with the same name is used if there is one.
+    images : str, optional
+        Folder of the images. Default: the folder of the parameter file.
+    flat, dark : str, optional
+        As `import_projections`. Default: WhiteLevel, or the largest value of 8-bit images; no dark signal.
+    bin : int, optional
+        Number of pixels, along columns and rows, that are averaged to one.
+
+    Raises
+    ------
+    InputError
+        If the parameter file lacks a number, or does not fit the images.
+    """
+    source = Path(source)
+    stated = _read(source)
+    images_at = Path(images) if images else source.parent
+    data = arranged(read_frames(images_at).data, TOP_ROW_FIRST, images_at)
+    size = tuple(int(_number(source, stated, f"DetectorPixels{axis}")) for axis in "YX")
+    if data.shape[1:] != size:
+        raise InputError(
+            f"{images_at}: images have {data.shape[1]} x {data.shape[2]} pixels (rows x columns), but {source.name} "
+            f"states {size[0]} x {size[1]}; give the images of this scan"
+        )
+    listed = source.with_suffix(".ang")
+    if listed.is_file():
+        angles = read_angles(listed)
+    else:
+        angles = _number(source, stated, "InitialAngle") + _number(source, stated, "AngularStep") * np.arange(len(data))
+    if len(angles) != len(data):
+        raise InputError(f"{listed}: has {len(angles)} angles for {len(data)} images; keep one angle per image")
+    bits8 = data.dtype.itemsize == 1
+    level = BITS_8 - 1 if bits8 else _number(source, stated, "WhiteLevel")
+    white = read_field(flat, None, "flat", data.shape, source)
+    if white is None:
+        white = np.full(size, float(level))
+        note(f"{source}: no flat field; the white level is taken as {level:g}, the same in all pixels")
+    black = read_field(dark, None, "dark", data.shape, source)
+    arrays = [binned(array, bin) for array in (data, white, np.zeros(size) if black is None else black)]
+    pitch = [bin * _number(source, stated, f"DetectorPixelSize{axis}") for axis in "XY"]
+    for key in ("DetectorOffsetX", "DetectorOffsetY", "CentreOfRotationTop", "CentreOfRotationBottom"):
+        if float(stated.get(key, 0)):
+            note(f"{source}: {key} {stated[key]} is not used; set scan.column_offset_px if the center is off")
+    scan = {
+        "trajectory": "circular",
+        "source_to_isocentre_mm": _number(source, stated, "SrcToObject"),
+        "source_to_detector_mm": _number(source, stated, "SrcToDetector"),
+        "columns": arrays[0].shape[2],
+        "rows": arrays[0].shape[1],
+        "column_pitch_mm": pitch[0],
+        "row_pitch_mm": pitch[1],
+        **angle_keys(angles, len(data)),
+    }
+    nominal = {"manufacturer": "Nikon"}
+    if anode := ANODES.get(stated.get("TargetMaterial", "").lower()):
+        nominal["anode"] = anode
+    for key, name in (("tube_kvp", "XraykV"), ("tube_current_ma", "XrayuA")):
+        if float(stated.get(name, 0)) > 0:
+            nominal[key] = float(stated[name]) / (1000 if key == "tube_current_ma" else 1)
+    if float(stated.get("Filter_ThicknessMM", 0)) > 0:
+        nominal["filtration"] = f"{stated['Filter_ThicknessMM']} mm {stated.get('Filter_Material', '')}".strip()
+    if stated.get("Detector"):
+        nominal["detector_model"] = stated["Detector"]
+    files = source_files(source, listed, images_at, flat, dark)
+    remarks = quantized(data) if bin > 1 else ()
+    return write_recording(folder, phantom, arrays, scan, nominal, "xtekct", files, [SIZE], remarks)
+
+
+def _read(path: Path) -> dict[str, str]:
+    """Return the keys of all sections."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give the parameter file of the scan (.xtekct)")
+    parser = configparser.RawConfigParser(strict=False)
+    parser.optionxform = str  # keys keep their case
+    try:
+        parser.read_string(path.read_text(encoding="utf-8", errors="replace"))
+    except configparser.Error as error:
+        raise InputError(f"{path}: is no parameter file of a Nikon scanner ({type(error).__name__})") from None
+    return {key: value for section in parser.sections() for key, value in parser.items(section)}
+
+
+def _number(path: Path, stated: dict[str, str], key: str) -> float:
+    try:
+        value = float(stated[key])
+    except KeyError:
+        raise InputError(f"{path}: has no {key}; give the parameter file of the scan (.xtekct)") from None
+    except ValueError:
+        raise InputError(f"{path}: {key} is {stated[key]}; give a number") from None
+    if stated.get("Units", "mm") != "mm":
+        raise InputError(f"{path}: Units is {stated['Units']}; convert all lengths to mm")
+    return value
