@@ -13,8 +13,7 @@ from ..physics.beam.materials import attenuation_per_mm
 from ..physics.scenes.labeled import label_materials
 from ..physics.scenes.shapes import NOTHING
 from ..recordings.recording import Recording
-from .preparation import nominal_settings
-from .request import DiagnosisRequest
+from .request import DiagnosisRequest, nominal_settings
 from .residuals.dataset import Prepared
 from .scanned_object import shaped_object
 from .settings import LabelledObject, ShapesObject
@@ -62,6 +61,8 @@ def object_text(request: DiagnosisRequest) -> str:
         materials = dict.fromkeys(label_materials(other.materials).values())
         of = enumerated([label(material) for material in materials if material != NOTHING])
         return f"the label map {Path(other.labels).name}, of {of}"
+    if request.settings.simulation is not None:
+        return f"the simulation {Path(request.settings.simulation).name}, as path lengths in water"
     if other is not None:
         return f"the homogeneous object of {Path(other.mask).name}, of {label(other.material)}"
     materials = request.materials
