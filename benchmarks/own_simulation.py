@@ -1,8 +1,8 @@
 """Name the physics that a simulation by ASTRA lacks, in recordings by XCIST with one hidden effect (10 minutes each 20).
 
-Objects are the phantoms of the blind validation, constant along z. ASTRA projects the slice that XCIST scans onto
-detector columns that are FINER times as fine, with one energy and without any effect. Beside it stands the diagnosis
-with Virtual Phantom's own simulation of the same slice. --seed draws strengths, signs and noise.
+Objects are the phantoms of the blind validation, constant along z. ASTRA projects the slice that XCIST scans with RAYS
+rays per pixel, with one energy and without any effect. Beside it stands the diagnosis with Virtual Phantom's own
+simulation of the same slice. --seed draws textures, strengths, signs and noise.
 """
 
 import json
@@ -18,6 +18,7 @@ from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.proof_settings import ProofScan
 from virtual_phantom.base.streams import branch, generator
+from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.generate import acquire, scan_section, write
@@ -25,8 +26,9 @@ from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.phantoms import BEYOND_MM, REACH, build
 from virtual_phantom.proof.hiding.xcist import energy_of_water
 
-COLUMNS, ROWS, VIEWS, PHOTONS, REPEATS, ROTATION_MS, FINER = 80, 4, 144, 1e5, 4, 1000, 4
-MU_WATER = 0.02  # per mm, at the energy of both simulators
+COLUMNS, ROWS, VIEWS, PHOTONS, REPEATS, ROTATION_MS, RAYS = 64, 4, 96, 1e5, 4, 1000, 8
+MU_WATER = defaults_of()["mu_water_per_mm"]
+SLICES = 12
 HIDDEN = (
     *("spectrum", "scatter", "veiling_glare", "dark_signal", "focal_spot", "xray_crosstalk", "optical_crosstalk"),
     *("afterglow", "electronic_noise", "bowtie", "gain_pattern", "centre_of_rotation", "detector_offset"),
@@ -50,33 +52,46 @@ def slice_of(name, seed):
     fine = build(scanned, RESOURCES / scanned.layout, COLUMNS, ROWS, seed).fine
     middle = fine.array[fine.grid.shape[0] // 2]
     height = ROWS * scanned.pixel_mm(COLUMNS) * REACH + 2 * BEYOND_MM
-    return Volume(np.repeat(middle[None], 2, axis=0), Grid((2, *middle.shape), (height / 2, *fine.grid.spacing[1:])))
+    grid = Grid((SLICES, *middle.shape), (height / SLICES, *fine.grid.spacing[1:]))
+    return Volume(np.repeat(middle[None], SLICES, axis=0), grid)
 
 
 def project(fine, scan):
-    """Line integrals by ASTRA's fan beam [view, row, FINER columns]; rays out of the plane are longer."""
+    """Line integrals by ASTRA's fan beam [view, row, column], from the mean transmission of RAYS rays per pixel."""
     import astra
 
     mu = np.maximum(MU_WATER * (1 + fine.array[0].astype(np.float64) / 1000), 0)
     (rows, columns), (_, height, width) = mu.shape, fine.grid.spacing
-    volume = astra.create_vol_geom(rows, columns, *(half * side for side, half in (
-        (columns * width, -0.5), (columns * width, 0.5), (rows * height, -0.5), (rows * height, 0.5))))
+    volume = astra.create_vol_geom(
+        rows,
+        columns,
+        *(
+            half * side
+            for side, half in (
+                (columns * width, -0.5),
+                (columns * width, 0.5),
+                (rows * height, -0.5),
+                (rows * height, 0.5),
+            )
+        ),
+    )
     angles = np.arange(scan.views) * 2 * np.pi / scan.views
     sine, cosine = np.sin(angles), np.cos(angles)
     source, beyond = scan.source_to_isocentre_mm, scan.source_to_detector_mm - scan.source_to_isocentre_mm
-    pitch = scan.column_pitch_mm / FINER
+    pitch = scan.column_pitch_mm / RAYS
     vectors = np.stack(
         [-source * sine, source * cosine, beyond * sine, -beyond * cosine, pitch * cosine, pitch * sine], axis=1
     )
-    detector = astra.create_proj_geom("fanflat_vec", scan.columns * FINER, vectors)
+    detector = astra.create_proj_geom("fanflat_vec", scan.columns * RAYS, vectors)
     projector = astra.create_projector("line_fanflat", detector, volume)
     number, lines = astra.create_sino(mu[::-1], projector)
     for module, one in ((astra.data2d, number), (astra.projector, projector)):
         module.delete(one)
-    across = (np.arange(scan.columns * FINER) - (scan.columns * FINER - 1) / 2) * pitch
+    across = (np.arange(scan.columns * RAYS) - (scan.columns * RAYS - 1) / 2) * pitch
     up = (np.arange(scan.rows) - (scan.rows - 1) / 2) * scan.row_pitch_mm
     in_plane = np.hypot(across, scan.source_to_detector_mm)
-    return lines[:, None] * np.hypot(in_plane, up[:, None]) / in_plane
+    lines = lines[:, None] * np.hypot(in_plane, up[:, None]) / in_plane  # rays out of the plane are longer
+    return -np.log(np.exp(-lines).reshape(*lines.shape[:2], -1, RAYS).mean(axis=3))
 
 
 def recorded(folder, name, fine, hidden, seed):
@@ -116,12 +131,23 @@ def run(options):
             for which, scene in given.items():
                 content = vp.diagnose(folder, check_setup=False, processes=1, **scene).content
                 named = [effect["name"] for effect in content["effects"]]
-                found.append({
-                    "number": number, "hidden": name, "strength": strength, "simulation": which, "named": named,
-                    "verdict": content["verdict"], "alike": content["ambiguous_with"],
-                })
-                print(f"{number:3} {which:5} {name or '-':20} {strength or '':7} {content['verdict']:28}",
-                      ", ".join(named), f"({time.time() - begin:.0f} s)", flush=True)
+                found.append(
+                    {
+                        "number": number,
+                        "hidden": name,
+                        "strength": strength,
+                        "simulation": which,
+                        "named": named,
+                        "verdict": content["verdict"],
+                        "alike": content["ambiguous_with"],
+                    }
+                )
+                print(
+                    f"{number:3} {which:5} {name or '-':20} {strength or '':7} {content['verdict']:28}",
+                    ", ".join(named),
+                    f"({time.time() - begin:.0f} s)",
+                    flush=True,
+                )
                 if options.output:
                     with open(options.output, "a") as file:
                         file.write(json.dumps(found[-1]) + "\n")
@@ -129,5 +155,7 @@ def run(options):
         of = [one for one in found if one["simulation"] == which]
         with_effect, without = ([one for one in of if bool(one["hidden"]) is has] for has in (True, False))
         first = sum(one["named"][:1] == [one["hidden"]] for one in with_effect)
-        print(f"{which}: named first {first} of {len(with_effect)}; false alarms "
-              f"{sum(one['verdict'] != 'match' for one in without)} of {len(without)}")
+        print(
+            f"{which}: named first {first} of {len(with_effect)}; false alarms "
+            f"{sum(one['verdict'] != 'match' for one in without)} of {len(without)}"
+        )

@@ -55,8 +55,6 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     samples, step = samples_and_step(stated, settings.view_step, settings.of_shapes, shape)
     model, floor = model_and_floor(scene, recording.geometry, samples, **detector)
     coarse = None
-    if settings.simulation is not None:  # its pixels are what the user simulated
-        floor = None
     if settings.of_phantom:
         voxels = coarse_scene(request.phantom, request.mu_water_per_mm, request.materials, request.threads)
         coarse = Chain(voxels, recording.geometry, samples=samples, **detector)

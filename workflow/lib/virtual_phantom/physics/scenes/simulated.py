@@ -50,7 +50,9 @@ class SimulatedScene(Scene):
 
     def __init__(self, paths_mm: np.ndarray, geometry: OrbitGeometry, energy_kev: float, threads: int = 1):
         if geometry.has_focal_spot_offset:
-            raise InputError("simulation: rays of a displaced or flying focal spot cannot be interpolated; give an object")
+            raise InputError(
+                "simulation: rays of a displaced or flying focal spot cannot be interpolated; give an object"
+            )
         if geometry.columns < FEWEST_COLUMNS:
             raise InputError(f"simulation: {geometry.columns} columns cannot be interpolated; use {FEWEST_COLUMNS}")
         self.paths_mm, self.geometry, self.energy_kev, self.threads = paths_mm, geometry, energy_kev, threads
