@@ -56,11 +56,11 @@ def slice_of(name, seed):
     return Volume(np.repeat(middle[None], SLICES, axis=0), grid)
 
 
-def project(fine, scan):
+def project(fine, scan, mu_water=MU_WATER):
     """Line integrals by ASTRA's fan beam [view, row, column], from the mean transmission of RAYS rays per pixel."""
     import astra
 
-    mu = np.maximum(MU_WATER * (1 + fine.array[0].astype(np.float64) / 1000), 0)
+    mu = np.maximum(mu_water * (1 + fine.array[0].astype(np.float64) / 1000), 0)
     (rows, columns), (_, height, width) = mu.shape, fine.grid.spacing
     volume = astra.create_vol_geom(
         rows,

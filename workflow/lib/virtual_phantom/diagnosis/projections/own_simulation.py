@@ -15,6 +15,7 @@ import numpy as np
 
 from ...base.errors import InputError
 from ...base.geometry import OrbitGeometry
+from ...base.names import enumerated, label
 from ...io.exchange import opened
 from ...physics.beam.materials import attenuation_per_mm, energy_of
 from ...physics.chain import EVEN, Chain
@@ -153,6 +154,6 @@ def _without(
         paths = paths + missed / water
         scene = SimulatedScene(paths, scene.geometry, scene.energy_kev, scene.threads)
     raise InputError(
-        f"{path}: no object gives these line integrals with {', '.join(physics)}; declare under baseline only what the "
+        f"{path}: no object gives these line integrals with {enumerated([label(name) for name in physics])}; declare under baseline only what the "
         "simulation models, with its values"
     )
