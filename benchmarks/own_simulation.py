@@ -24,9 +24,9 @@ from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.generate import acquire, scan_section, write
 from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.phantoms import BEYOND_MM, REACH, build
-from virtual_phantom.proof.hiding.xcist import energy_of_water
+from virtual_phantom.proof.hiding.xcist import CELLS_DIVIDED, energy_of_water
 
-COLUMNS, ROWS, VIEWS, PHOTONS, REPEATS, ROTATION_MS, RAYS = 64, 4, 96, 1e5, 4, 1000, 8
+COLUMNS, ROWS, VIEWS, PHOTONS, REPEATS, ROTATION_MS, RAYS = 64, 4, 96, 1e5, 4, 1000, 32
 MU_WATER = defaults_of()["mu_water_per_mm"]
 SLICES = 12
 HIDDEN = (
@@ -57,7 +57,10 @@ def slice_of(name, seed):
 
 
 def project(fine, scan, mu_water=MU_WATER):
-    """Line integrals by ASTRA's fan beam [view, row, column], from the mean transmission of RAYS rays per pixel."""
+    """Line integrals by ASTRA's fan beam [view, row, column], from RAYS rays per pixel.
+
+    As in XCIST, the transmissions of four parts of a pixel are averaged.
+    """
     import astra
 
     mu = np.maximum(mu_water * (1 + fine.array[0].astype(np.float64) / 1000), 0)
@@ -91,7 +94,8 @@ def project(fine, scan, mu_water=MU_WATER):
     up = (np.arange(scan.rows) - (scan.rows - 1) / 2) * scan.row_pitch_mm
     in_plane = np.hypot(across, scan.source_to_detector_mm)
     lines = lines[:, None] * np.hypot(in_plane, up[:, None]) / in_plane  # rays out of the plane are longer
-    return -np.log(np.exp(-lines).reshape(*lines.shape[:2], -1, RAYS).mean(axis=3))
+    parts = lines.reshape(*lines.shape[:2], -1, CELLS_DIVIDED, RAYS // CELLS_DIVIDED).mean(axis=4)
+    return -np.log(np.exp(-parts).mean(axis=3))
 
 
 def recorded(folder, name, fine, hidden, seed):

@@ -142,7 +142,9 @@ def phantom():
     step, count = 0.8, 150
     axis = (np.arange(count) - (count - 1) / 2) * step
     x, y = np.meshgrid(axis, axis)
-    share = [np.clip((r - np.hypot(x - a, y - b)) / step + 0.5, 0, 1) for a, b, r in ((0, 0, 50), (20, 10, 8), (-15, 5, 10))]
+    share = [
+        np.clip((r - np.hypot(x - a, y - b)) / step + 0.5, 0, 1) for a, b, r in ((0, 0, 50), (20, 10, 8), (-15, 5, 10))
+    ]
     hu = -1000 + 1000 * (share[0] + 0.8 * share[1] - share[2])
     return Volume(np.repeat(hu[None], 8, axis=0).astype(np.float32), Grid((8, count, count), (6.0, step, step)))
 
@@ -159,7 +161,9 @@ def test_xcist_against_a_simulation_by_astra(tmp_path):
         materials = generate.materials(fine, generate_object(), kev, MU_WATER)
         generate.write(folder, name, of, xcist.simulate(of, materials, 4, np.random.SeedSequence(5)))
         path = simulated(folder / "astra.h5", lines)
-        found[name] = vp.diagnose(folder, simulation=path, effects=["scatter", "detector_offset", "optical_crosstalk"]).content
+        found[name] = vp.diagnose(
+            folder, simulation=path, effects=["scatter", "detector_offset", "optical_crosstalk"]
+        ).content
     assert found["nothing"]["verdict"] == "match", found["nothing"]["sentence"]
     assert [effect["name"] for effect in found["scatter"]["effects"]][:1] == ["scatter"], found["scatter"]["sentence"]
     assert any("path length in water" in line for line in found["scatter"]["caveats"])

@@ -87,7 +87,9 @@ def candidates(
     hidden = {name: why for name in names() if hides(name)}
     hidden |= dict.fromkeys(settings.baseline, "is declared under baseline")
     if settings.simulation is not None and sparse:
-        hidden["view_blur"] = "needs rays between views, and the views of the simulation are too far apart to interpolate"
+        hidden["view_blur"] = (
+            "needs rays between views, and the views of the simulation are too far apart to interpolate"
+        )
     for name in names():
         effect = load(name)
         for correction in set(effect.removed_by) & set(corrected):
@@ -152,7 +154,9 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
                 f"{where}.physics_from is '{other}', which holds {of}, not {kind}; name one of the same kind"
             )
         if kind == "images" and settings.simulation is not None:
-            raise InputError(f"{where}.simulation: simulated images are not supported; diagnose projections, or remove it")
+            raise InputError(
+                f"{where}.simulation: simulated images are not supported; diagnose projections, or remove it"
+            )
         if kind == "images" and not settings.of_phantom:
             raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")
         if kind == "images" and settings.location:

@@ -29,7 +29,7 @@ KEPT = 4  # cached linearization points
 FINER, FINER_OF_SHAPES = 2, 4
 SIMULATED = "simulation"  # error of the user's own simulation, in units of the change by more rays per pixel
 # Share of an error that remains after it is fitted, because errors of higher order differ from ray to ray.
-LEFT = {"rays": 1.0, "voxels": 1 / 3, SIMULATED: 0.1}
+LEFT = {"rays": 1.0, "voxels": 1 / 3, SIMULATED: 0.05}
 
 
 def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tuple[Chain, Chain]:
