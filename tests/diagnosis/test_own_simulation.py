@@ -166,7 +166,7 @@ def test_xcist_against_a_simulation_by_astra(tmp_path):
         ).content
     assert found["nothing"]["verdict"] == "match", found["nothing"]["sentence"]
     assert [effect["name"] for effect in found["scatter"]["effects"]][:1] == ["scatter"], found["scatter"]["sentence"]
-    assert any("path length in water" in line for line in found["scatter"]["caveats"])
+    assert "path length in water" in found["scatter"]["modelled"]["limits of the simulation"]
 
 
 def generate_object():

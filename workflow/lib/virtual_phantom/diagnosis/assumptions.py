@@ -18,6 +18,12 @@ from .residuals.dataset import Prepared
 from .scanned_object import shaped_object
 from .settings import LabelledObject, ShapesObject
 
+OF_SIMULATION = (
+    "one path length in water per ray, so that beam hardening by bone, metal or a K edge is not distinguished from the "
+    "spectrum; other rays, as of a shift or a blur, are interpolated, which is approximate for less than a pixel at "
+    "sharp edges; beyond the outermost rows and columns, the object is continued"
+)
+
 
 def model_assumptions(
     request: DiagnosisRequest, recording: Recording, prepared: Prepared, effects: Sequence[str]
@@ -29,7 +35,8 @@ def model_assumptions(
     (water,) = attenuation_per_mm("water", [kev])
     stated_priors = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
     photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
-    return {
+    simulation = {} if settings.simulation is None else {"limits of the simulation": OF_SIMULATION}
+    return simulation | {
         "object": object_text(request),
         "scan": scan_text(request, recording),
         "beam before any effect": f"one energy, {kev:.3g} keV, at which water attenuates {water:.3g} per mm",

@@ -14,7 +14,6 @@ from ...base.pose import Pose
 from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.scenes.sampling import sources
-from ...physics.scenes.simulated import SimulatedScene
 from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import LinearizationPoint, before_images
 from ..fitting.nuisance import NOMINAL_PHOTONS_SD, PIECE, Nuisance, nuisances, pose_of
@@ -48,13 +47,6 @@ SECOND_DIFFERENCES_SHARE = 1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)
 # Rays, with all rays of a pixel counted. In a larger scan, noise is estimated only from the fitted views and the views
 # next to them. 20 million rays take 2 GB.
 MOST_LOOKED_AT = 2e7
-# Remarks on a recording that is compared with the user's own simulation.
-OF_SIMULATION = (
-    "The simulation gives one path length in water per ray. Other materials harden the beam differently, above all bone, "
-    "metal and materials with a K edge, so a spectrum found here can be that of the material.",
-    "Rays that a shift, a blur or another distance needs are interpolated between the rays of the simulation, and beyond "
-    "its outermost rows and columns continued; changes of less than a pixel at sharp edges are approximate.",
-)
 DISPLAY = ResidualMaps(
     unit="line_integral",
     summed=1,
@@ -211,8 +203,7 @@ class PreparedScans(Prepared):
     def caveats(self) -> list[str]:
         """See Prepared.caveats."""
         chain = self.fitter.model.chain
-        remarks = lost_rays_remark(self.usable) + truncation_of(chain.scene, chain.geometry).remark
-        return remarks + (list(OF_SIMULATION) if isinstance(chain.scene, SimulatedScene) else [])
+        return lost_rays_remark(self.usable) + truncation_of(chain.scene, chain.geometry).remark
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
