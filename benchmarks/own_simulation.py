@@ -1,8 +1,10 @@
 """Name the physics that a simulation by ASTRA lacks, in recordings by XCIST with one hidden effect (40 minutes).
 
 Objects are the phantoms of the blind validation, constant along z. ASTRA projects the slice that XCIST scans with RAYS
-rays per pixel, with one energy and without any effect. Beside it stands the diagnosis with Virtual Phantom's own
-simulation of the same slice. --seed draws textures, strengths, signs and noise.
+rays per pixel, with one energy and no effect. Options::
+
+    --seed     draws textures, strengths, signs and noise
+    --beside   repeats each diagnosis with Virtual Phantom's own simulation of the slice
 """
 
 import json

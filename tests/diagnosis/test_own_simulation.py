@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import h5py
 import numpy as np
 import pytest
 from drawn_objects import CYLINDERS, ENERGY_KEV, GEOMETRY, SPECTRUM, bench
@@ -48,8 +47,8 @@ def inner(scan):
     return np.abs(across) < 40
 
 
-def known(geometry, scan, scene=DISC, pose=Pose()):
-    return SimulatedScene(scene.path_lengths(scan, pose)[0], scan, 60.0).path_lengths(geometry)[0]
+def known(geometry, scan, pose):
+    return SimulatedScene(DISC.path_lengths(scan, pose)[0], scan, 60.0).path_lengths(geometry)[0]
 
 
 @pytest.mark.parametrize("name", SCANS)
@@ -91,9 +90,9 @@ def exact(geometry=GEOMETRY, physics=None):
 
 
 def test_declared_physics_is_applied_once(tmp_path):
-    """Spectrum, scatter and crosstalk of the simulation give its line integrals again, and a pure water disc its paths."""
-    physics = {"spectrum": SPECTRUM, "scatter": {"amount": 0.05}, "optical_crosstalk": {"column": 0.03, "row": 0.0}}
-    physics = {name: {key: value for key, value in checked({name: one})[name].items()} for name, one in physics.items()}
+    """The chain reproduces the simulation, and path lengths in a disc of water are its chords."""
+    crosstalk = {"column": 0.03, "row": 0.0}
+    physics = checked({"spectrum": SPECTRUM, "scatter": {"amount": 0.05}, "optical_crosstalk": crosstalk})
     declared = {name: {key: {"value": value, "sd": 0.0} for key, value in one.items()} for name, one in physics.items()}
     folder, lines = bench(tmp_path, {}), exact(physics=physics)
     scene = scene_from(folder, lines, baseline=declared)
@@ -158,7 +157,7 @@ def test_xcist_against_a_simulation_by_astra(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         of = replace(scan, settings=hidden)
-        materials = generate.materials(fine, generate_object(), kev, MU_WATER)
+        materials = generate.materials(fine, OBJECTS["quality_assurance"], kev, MU_WATER)
         generate.write(folder, name, of, xcist.simulate(of, materials, 4, np.random.SeedSequence(5)))
         path = simulated(folder / "astra.h5", lines)
         found[name] = vp.diagnose(
@@ -167,7 +166,3 @@ def test_xcist_against_a_simulation_by_astra(tmp_path):
     assert found["nothing"]["verdict"] == "match", found["nothing"]["sentence"]
     assert [effect["name"] for effect in found["scatter"]["effects"]][:1] == ["scatter"], found["scatter"]["sentence"]
     assert "path length in water" in found["scatter"]["modelled"]["limits of the simulation"]
-
-
-def generate_object():
-    return OBJECTS["quality_assurance"]

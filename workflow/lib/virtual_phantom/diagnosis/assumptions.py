@@ -19,9 +19,9 @@ from .scanned_object import shaped_object
 from .settings import LabelledObject, ShapesObject
 
 OF_SIMULATION = (
-    "one path length in water per ray, so that beam hardening by bone, metal or a K edge is not distinguished from the "
-    "spectrum; other rays, as of a shift or a blur, are interpolated, which is approximate for less than a pixel at "
-    "sharp edges; beyond the outermost rows and columns, the object is continued"
+    "It gives one path length in water per ray. Beam hardening by bone, metal or a K edge is therefore not "
+    "distinguished from the spectrum. Other rays, for a shift or a blur, are interpolated, which is approximate at sharp edges. Beyond "
+    "its outermost rows and columns, the object is continued."
 )
 
 

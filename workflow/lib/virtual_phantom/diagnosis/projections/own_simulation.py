@@ -153,7 +153,8 @@ def _without(
             return scene
         paths = paths + missed / water
         scene = SimulatedScene(paths, scene.geometry, scene.energy_kev, scene.threads)
+    declares = enumerated([label(name) for name in physics])
     raise InputError(
-        f"{path}: no object gives these line integrals with {enumerated([label(name) for name in physics])}; declare under baseline only what the "
+        f"{path}: no object gives these line integrals with {declares}; declare under baseline only what the "
         "simulation models, with its values"
     )
