@@ -20,8 +20,8 @@ from .settings import LabelledObject, ShapesObject
 
 OF_SIMULATION = (
     "It gives one path length in water per ray. Beam hardening by bone, metal or a K edge is therefore not "
-    "distinguished from the spectrum. Other rays, for a shift or a blur, are interpolated, which is approximate at sharp edges. Beyond "
-    "its outermost rows and columns, the object is continued."
+    "distinguished from the spectrum. Other rays are interpolated, which is approximate at sharp edges. The object is "
+    "continued beyond the outermost rows and columns."
 )
 
 
