@@ -29,10 +29,10 @@ from ..request import DiagnosisRequest, nominal_settings
 from ..scanned_object import scene_of
 from .observed import LEAST_TRANSMISSION
 
-MOST_FINER = 8  # times the columns and rows of the recording
-MOST_RAYS = 4  # per pixel and direction
-TOLERANCE = 1e-4  # largest difference of line integrals from the simulation
-MOST_CORRECTIONS = 60
+MOST_FINER = 8  # times the columns and rows of the recording; finer pixels only cost memory
+MOST_RAYS = 4  # per pixel and direction, as for shapes
+TOLERANCE = 1e-4  # largest difference of line integrals from the simulation; a tenth of a low noise
+MOST_CORRECTIONS = 60  # before a simulation is refused: a factor of 0.85 each would reach the tolerance
 IMAGES = (".nii", ".gz", ".dcm")  # endings of files of images
 
 
