@@ -4,7 +4,7 @@ import json
 import shutil
 
 import pytest
-from pages import copy_project, follow, marked, run
+from pages import blocks, copy_project, follow, marked, run
 from workflow_runs import ROOT
 
 DOCS, REAL = ROOT / "docs", ROOT / "../shared/real"
@@ -12,6 +12,7 @@ GIVEN = {  # page: real measurements that its reader has, and their path
     "getting-started/clinical-ct.md": ("abdomen_ct", "resources/abdomen_ct"),
     "getting-started/own-sinogram.md": ("htc2022/htc2022_solid_disc_full.mat", "htc2022_solid_disc_full.mat"),
 }
+BEFORE = {"getting-started/own-simulation.md": ("how-to/diagnosis.md", "make_scans.py")}  # page: script of another page
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +36,11 @@ def test_page_has_its_stated_results(page, finished, tmp_path):
             pytest.skip(f"needs {source} among the real measurements")
         (folder / path).parent.mkdir(exist_ok=True)
         (folder / path).symlink_to((REAL / source).resolve())
+    if name in BEFORE:
+        other, script = BEFORE[name]
+        (text,) = (block.text for block in blocks(DOCS / other) if (block.kind, block.file) == ("write", script))
+        (folder / script).write_text(text)
+        run(f"python {script}", folder)
     follow(page, folder)
     if name in FOUND:
         FOUND[name](folder)

@@ -42,6 +42,7 @@ def diagnose(
     labels: tuple[str | Path, Mapping[int, str | Mapping]] | None = None,
     shapes: str | tuple[str, Mapping[str, float | str]] | None = None,
     phantom: str | Path | None = None,
+    simulation: str | Path | None = None,
     effects: Sequence[str] | None = None,
     processes: int = 1,
     matters: Mapping[str, float] | None = None,
@@ -49,7 +50,7 @@ def diagnose(
 ) -> Diagnosis:
     """Compare a recording of projections with its simulation, and find the physics that the simulation lacks.
 
-    Exactly one of `disc`, `mask`, `labels`, `shapes` and `phantom` describes the scanned object.
+    Exactly one of `disc`, `mask`, `labels`, `shapes`, `phantom` and `simulation` describes the scanned object.
 
     Parameters
     ----------
@@ -67,6 +68,8 @@ def diagnose(
         (docs/how-to/objects.md).
     phantom : str or Path, optional
         NIfTI image in HU.
+    simulation : str or Path, optional
+        HDF5 file of your own simulation of the recording (docs/getting-started/own-simulation.md).
     effects : sequence of str, optional
         Effects to try. Default: all effects that can be seen in projections.
     processes : int, optional
@@ -75,7 +78,7 @@ def diagnose(
         Relevance thresholds that replace defaults of `diagnosis.matters`.
     **settings
         Settings of `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
-        `location`, `check_setup`, `object_may_differ`.
+        `location`, `check_setup`, `object_may_differ`, `baseline`, `simulation_energy_kev`.
 
     Returns
     -------
@@ -89,16 +92,18 @@ def diagnose(
         If the recording cannot be read or has no projections, or if an effect cannot be seen in projections. Also if a
         setting is unknown, or if not exactly one object is given.
     """
-    given = [scanned for scanned in (disc, mask, labels, shapes, phantom) if scanned is not None]
+    given = [scanned for scanned in (disc, mask, labels, shapes, phantom, simulation) if scanned is not None]
     if len(given) != 1:
         raise InputError(
-            f"diagnose: {len(given)} of disc, mask, labels, shapes and phantom are given; give the one scanned"
+            f"diagnose: {len(given)} of disc, mask, labels, shapes, phantom and simulation are given; give one"
         )
     recording, processes = check_path(recording, "recording"), check_integer(processes, "processes", 1)
     phantom = None if phantom is None else check_path(phantom, "phantom")
     if effects is not None:
         effects = [check_text(name, "effects") for name in check_sequence(effects, "effects", "names of effects")]
     section = settings | _scanned_section(disc, mask, labels, shapes)
+    if simulation is not None:
+        section["simulation"] = check_path(simulation, "simulation")
     document = read_document(recording)
     if (kind := document.content["kind"]) != "projections":
         raise InputError(

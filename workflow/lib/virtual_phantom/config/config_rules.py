@@ -532,8 +532,10 @@ class Rules:
 
     def _diagnosed_recording(self, name: str, settings: dict, diagnosed: dict) -> Iterator[str]:
         where = f"config: diagnosis.recordings.{name}"
-        if "disc" in settings and "object" in settings:
-            yield f"{where} has both disc and object; keep the one that was scanned"
+        if len(given := [key for key in ("disc", "object", "simulation") if key in settings]) > 1:
+            yield f"{where} has both {given[0]} and {given[1]}; keep the one that was scanned"
+        if "simulation_energy_kev" in settings and "simulation" not in settings:
+            yield f"{where}.simulation_energy_kev: there is no simulation; add it, or remove this key"
         yield from self._object(settings.get("object", {"kind": ""}), f"{where}.object")
         fitted = [key for key in ("baseline", "baseline_from", "effects", "physics_from") if settings.get(key)]
         if settings.get("object", {}).get("unknown") and fitted:

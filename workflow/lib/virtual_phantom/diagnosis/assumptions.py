@@ -13,11 +13,16 @@ from ..physics.beam.materials import attenuation_per_mm
 from ..physics.scenes.labeled import label_materials
 from ..physics.scenes.shapes import NOTHING
 from ..recordings.recording import Recording
-from .preparation import nominal_settings
-from .request import DiagnosisRequest
+from .request import DiagnosisRequest, nominal_settings
 from .residuals.dataset import Prepared
 from .scanned_object import shaped_object
 from .settings import LabelledObject, ShapesObject
+
+OF_SIMULATION = (
+    "It gives one path length in water per ray. Beam hardening by bone, metal or a K edge is therefore not "
+    "distinguished from the spectrum. Other rays are interpolated, which is approximate at sharp edges. The object is "
+    "continued beyond the outermost rows and columns."
+)
 
 
 def model_assumptions(
@@ -30,7 +35,8 @@ def model_assumptions(
     (water,) = attenuation_per_mm("water", [kev])
     stated_priors = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
     photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
-    return {
+    simulation = {} if settings.simulation is None else {"limits of the simulation": OF_SIMULATION}
+    return simulation | {
         "object": object_text(request),
         "scan": scan_text(request, recording),
         "beam before any effect": f"one energy, {kev:.3g} keV, at which water attenuates {water:.3g} per mm",
@@ -62,6 +68,8 @@ def object_text(request: DiagnosisRequest) -> str:
         materials = dict.fromkeys(label_materials(other.materials).values())
         of = enumerated([label(material) for material in materials if material != NOTHING])
         return f"the label map {Path(other.labels).name}, of {of}"
+    if request.settings.simulation is not None:
+        return f"the simulation {Path(request.settings.simulation).name}, as path lengths in water"
     if other is not None:
         return f"the homogeneous object of {Path(other.mask).name}, of {label(other.material)}"
     materials = request.materials

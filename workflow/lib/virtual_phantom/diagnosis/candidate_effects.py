@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 
 from ..base.errors import InputError
@@ -36,8 +37,8 @@ def candidate_conditions(content: Mapping) -> dict:
     """Return the conditions of a scan that decide which effects are tried, as arguments of `candidates`."""
     kind = content["kind"]
     # A protocol of the study simulates images, and its scan may be a helix.
-    helical = kind == "images" or content.get("scan", {}).get("trajectory") == "helical"
     scan = content.get("scan", {})
+    helical = kind == "images" or scan.get("trajectory") == "helical"
     parallel = scan.get("beam") == PARALLEL
     return {
         "kind": kind,
@@ -46,6 +47,7 @@ def candidate_conditions(content: Mapping) -> dict:
         "helical": helical,
         "parallel": parallel,
         "scaled": scan.get("length_unit") != ELEMENT,
+        "sparse": scan.get("views_per_rotation", math.inf) < math.pi / 2 * scan.get("columns", 0),
     }
 
 
@@ -57,18 +59,22 @@ def candidates(
     helical: bool = False,
     parallel: bool = False,
     scaled: bool = True,
+    sparse: bool = False,
 ) -> list[str]:
     """Return the effects that a diagnosis tries on a recording.
 
     Parameters
     ----------
     settings : RecordingSettings
-        Only `effects`, `nominal_photons`, `view_step` and `baseline` are used.
+        Only `effects`, `nominal_photons`, `view_step`, `simulation` and `baseline` are used.
     kind : {"projections", "images"}, optional
     timed : bool, optional
         Whether the times of the views are known.
     scaled : bool, optional
         Whether lengths are known in mm.
+    sparse : bool, optional
+        Whether views are too far apart to interpolate between them: fewer per turn than pi / 2 times the columns (A. C.
+        Kak and M. Slaney, Principles of Computerized Tomographic Imaging, 1988, section 5.1).
 
     Raises
     ------
@@ -85,6 +91,10 @@ def candidates(
     }
     hidden = {name: why for name in names() if hides(name)}
     hidden |= dict.fromkeys(settings.baseline, "is declared under baseline")
+    if settings.simulation is not None and sparse:
+        hidden["view_blur"] = (
+            "needs rays between views, and the views of the simulation are too far apart to interpolate"
+        )
     for name in names():
         effect = load(name)
         for correction in set(effect.removed_by) & set(corrected):
@@ -165,6 +175,10 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
         if other is not None and (of := recordings[other].content["kind"]) != kind:
             raise InputError(
                 f"{where}.physics_from is '{other}', which holds {of}, not {kind}; name one of the same kind"
+            )
+        if kind == "images" and settings.simulation is not None:
+            raise InputError(
+                f"{where}.simulation: simulated images are not supported; diagnose projections, or remove it"
             )
         if kind == "images" and not (settings.of_phantom or settings.of_unknown):
             raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from ..base.errors import InputError
-from ..physics.beam.sensors import sensor_from_label
-from ..physics.beam.spectra import KVP, TUNGSTEN, Anode
 from ..physics.chain import EVEN, Chain
 from ..physics.state import AIR
 from ..recordings.reading import load_recording
@@ -16,10 +14,11 @@ from .images.setting import agreement_of_images, prepare_images
 from .projections.discretization import model_and_floor
 from .projections.lost_rays import check_scans
 from .projections.observed import scans
+from .projections.own_simulation import rays_of_simulation, scene_of_scan
 from .projections.prepared import PreparedScans, prepare
-from .request import DiagnosisRequest, NominalSettings
+from .request import DiagnosisRequest, NominalSettings, nominal_settings
 from .residuals.dataset import Prepared
-from .scanned_object import binary_voxels_remark, coarse_scene, scene_of
+from .scanned_object import binary_voxels_remark, coarse_scene
 from .workload import samples_and_step
 
 
@@ -52,8 +51,9 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         "illumination": recording.scan.get("illumination", EVEN),
         "readout": AIR if taken.white is None else float(taken.white.mean()),
     }
-    scene, shape = scene_of(request), recording.geometry.shape
-    samples, step = samples_and_step(settings.samples, settings.view_step, settings.of_shapes, shape)
+    scene, shape = scene_of_scan(request, recording), recording.geometry.shape
+    stated = settings.samples or rays_of_simulation(scene, shape)
+    samples, step = samples_and_step(stated, settings.view_step, settings.of_shapes, shape)
     model, floor = model_and_floor(scene, recording.geometry, samples, **detector)
     coarse = None
     if settings.of_phantom:
@@ -77,25 +77,6 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         time_remark="; ".join(filter(None, (scale_note(recording.scan), view_time_note(recording.scan)))),
         voxels=binary_voxels_remark(request, scene),
     )
-
-
-def nominal_settings(recording: Recording) -> NominalSettings:
-    """Return what a recording.yaml states of tube and sensor.
-
-    Raises
-    ------
-    InputError
-        For a nominal anode or tube voltage without a known spectrum.
-    """
-    nominal = recording.nominal
-    anode = Anode(nominal.get("anode", TUNGSTEN.target), nominal.get("anode_angle_deg", TUNGSTEN.angle_deg))
-    target, tube_kvp = anode.target, nominal.get("tube_kvp")
-    if target not in KVP or (tube_kvp is not None and not KVP[target][0] <= tube_kvp <= KVP[target][1]):
-        ranges = ", ".join(f"{name} {low:g} to {high:g} kV" for name, (low, high) in KVP.items())
-        raise InputError(
-            f"{recording.document.path}: no spectrum is known of nominal.anode {target} at {tube_kvp} kV, only {ranges}"
-        )
-    return NominalSettings(anode, tube_kvp, sensor_from_label(**nominal.get("sensor", {})))
 
 
 def compare_images(recording: Recording, *arguments, **options) -> dict:

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..base.errors import InputError
 from ..base.geometry import ImageProtocol
 from ..base.settings import to_mapping
 from ..physics.beam.materials import Segmentation, attenuation_per_mm
-from ..physics.beam.sensors import Sensor
-from ..physics.beam.spectra import Anode
+from ..physics.beam.sensors import Sensor, sensor_from_label
+from ..physics.beam.spectra import KVP, TUNGSTEN, Anode
+from ..recordings.recording import Recording
 from .settings import FitSettings, RecordingSettings
 
 LOCATION_DIGITS = 1  # decimals of a fitted object location in mm
@@ -73,3 +75,22 @@ class NominalSettings:
     anode: Anode
     tube_kvp: float | None
     sensor: Sensor
+
+
+def nominal_settings(recording: Recording) -> NominalSettings:
+    """Return what a recording.yaml states of tube and sensor.
+
+    Raises
+    ------
+    InputError
+        For a nominal anode or tube voltage without a known spectrum.
+    """
+    nominal = recording.nominal
+    anode = Anode(nominal.get("anode", TUNGSTEN.target), nominal.get("anode_angle_deg", TUNGSTEN.angle_deg))
+    target, tube_kvp = anode.target, nominal.get("tube_kvp")
+    if target not in KVP or (tube_kvp is not None and not KVP[target][0] <= tube_kvp <= KVP[target][1]):
+        ranges = ", ".join(f"{name} {low:g} to {high:g} kV" for name, (low, high) in KVP.items())
+        raise InputError(
+            f"{recording.document.path}: no spectrum is known of nominal.anode {target} at {tube_kvp} kV, only {ranges}"
+        )
+    return NominalSettings(anode, tube_kvp, sensor_from_label(**nominal.get("sensor", {})))

@@ -85,7 +85,11 @@ class RecordingSettings:
     nominal_photons : float or None
         Stated noise-equivalent photons per pixel in air.
     disc, object
-        The scanned object; with neither, the study's phantom was scanned.
+        The scanned object; with neither and without `simulation`, the study's phantom was scanned.
+    simulation : str or None
+        File of the user's own simulation of the recording, in place of an object (projections.own_simulation).
+    simulation_energy_kev : float or None
+        Energy of a simulation without a declared spectrum; None: the energy of the study's monochromatic beam.
     protocol : str or None
         Name of the protocol that simulates a recording of images.
     location : mapping of str to float
@@ -108,6 +112,8 @@ class RecordingSettings:
     nominal_photons: float | None = None
     disc: Disc | None = None
     object: MaskedObject | LabelledObject | ShapesObject | UnknownObject | None = None
+    simulation: str | None = None
+    simulation_energy_kev: float | None = None
     protocol: str | None = None
     location: dict[str, float] = field(default_factory=dict)
     check_setup: bool = False
@@ -120,7 +126,7 @@ class RecordingSettings:
     @property
     def of_phantom(self) -> bool:
         """Whether the study's phantom was scanned."""
-        return self.disc is None and self.object is None
+        return self.disc is None and self.object is None and self.simulation is None
 
     @property
     def of_unknown(self) -> bool:

@@ -33,6 +33,7 @@ NUISANCES = {  # {nuisance parameter: (description, unit)}
     "turn_deg": ("object rotation about z", "degrees"),
     "size": ("object size relative to the stated size", ""),
     "rays": ("discretization error of one ray per pixel, relative to the expected one", ""),
+    "simulation": ("discretization error of your simulation, relative to the blur by a pixel", ""),
     "voxels": ("discretization error of the phantom's voxels, relative to the expected one", ""),
     **{
         f"piece_{n}": (f"local object mismatch {n}: attenuation added to the stated one", "1/mm")

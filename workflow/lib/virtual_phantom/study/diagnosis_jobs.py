@@ -243,6 +243,8 @@ class Diagnosis:
         settings = self.settings[name]
         if settings.object is not None:
             inputs |= _object_file(settings.object)
+        elif settings.simulation is not None:
+            inputs["simulation"] = settings.simulation
         elif settings.of_phantom:
             inputs["phantom"] = self.files("phantom_fine")
         if settings.baseline_from:

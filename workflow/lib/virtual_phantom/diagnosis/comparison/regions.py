@@ -19,10 +19,14 @@ from ...physics.beam.materials import attenuation_per_mm, energy_of
 from ...physics.scenes.labeled import LabelMap
 from ...physics.scenes.objects import ShapedObject
 from ...physics.scenes.scene import DiscScene, Pose
+from ...physics.scenes.simulated import SimulatedScene
 from ...physics.scenes.voxelized import reach_mm, roi_mask, shape_shares, shapes_to_hu
+from ...projectors import projector
+from ...reconstruction.fbp import fbp
 from ...recordings.recording import Recording
 from ...statistics.image_quality import LEAST_ROI_VOXELS
 from ...statistics.resolution import signed_distance_mm
+from ..projections.own_simulation import simulated_scene
 from ..request import DiagnosisRequest
 from ..scanned_object import labelled_object, read_mask, shaped_object
 from ..settings import LabelledObject, ShapesObject
@@ -76,6 +80,8 @@ class ScannedVolume:
         settings, mu_water_per_mm = request.settings, request.mu_water_per_mm
         if settings.disc is not None:
             return None
+        if settings.simulation is not None:
+            return cls.of_simulation(simulated_scene(request, recording))
         if isinstance(settings.object, ShapesObject):
             shaped = shaped_object(settings.object)
             return cls.of_shapes(
@@ -110,6 +116,14 @@ class ScannedVolume:
         energy = energy_of("water", mu_water_per_mm)
         mu = np.array([attenuation_per_mm(material, [energy])[0] for material in labelled.materials], np.float32)
         return cls._drawn(attenuation_to_hu(np.tensordot(mu, labelled.shares, 1), mu_water_per_mm), labelled.grid)
+
+    @classmethod
+    def of_simulation(cls, scene: SimulatedScene) -> ScannedVolume:
+        """Return the filtered back-projection of a simulation, without ROIs."""
+        grid = image_grid(scene.geometry, scene.radius_mm)
+        engine = projector("cpu", scene.geometry, grid, 1, scene.threads)
+        (image,) = fbp(engine, scene.paths_mm[None].astype(np.float32))
+        return cls._drawn(attenuation_to_hu(image, 1.0), grid)
 
     @classmethod
     def _drawn(cls, hu: np.ndarray, grid: Grid) -> ScannedVolume:

@@ -16,7 +16,8 @@ SURE = 5.0
 # - voxels: voxels of edge h, with linear interpolation, blur by a variance of h^2/4. Voxels twice as large add 3/4 h^2.
 #   The true object also has a blur: 0 (ratio 0.33), h^2/24 for voxels half as large (0.28), or h^2/12 for sharp
 #   voxels of edge h (0.22).
-NUMERICAL = {"rays": (1.0, 1 / 3), "voxels": (0.28, 0.06)}
+# - simulation: the user's own simulation averages over its pixels in a way that is known to 3 % of this average.
+NUMERICAL = {"rays": (1.0, 1 / 3), "voxels": (0.28, 0.06), "simulation": (0.0, 0.03)}
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm of a stated number of photons
 LOCATION = ("x_mm", "y_mm", "z_mm")
 PLACE = (*LOCATION, "turn_deg")

@@ -16,7 +16,15 @@ from .ranking import MeasurementRanking, Pair, RankedMeasurement, settles
 
 KEPT = ("name", "kind", "phantom", "isocentre_mm", "scan", "corrected", "nominal")  # of the existing recording
 OF_CURRENT = ("photons", "tube_current_ma", "mas", "dose_mgy")  # keys of `nominal` proportional to the tube current
-SETTINGS = ("disc", "object", "alignment", "samples", "view_step")  # of the diagnosis of the existing recording
+SETTINGS = (
+    "disc",
+    "object",
+    "simulation",
+    "simulation_energy_kev",
+    "alignment",
+    "samples",
+    "view_step",
+)  # of the diagnosis of the existing recording
 
 
 def ranking_table(found: MeasurementRanking) -> pd.DataFrame:

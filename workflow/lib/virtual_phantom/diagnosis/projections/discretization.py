@@ -13,6 +13,7 @@ from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.scenes.inclusion import Inclusion
 from ...physics.scenes.posed import PosedScene
+from ...physics.scenes.simulated import SimulatedScene
 from ...physics.state import Inclusions
 from ..fitting.linearization import NOMINAL, LinearizationPoint
 from ..fitting.nuisance import pose_of
@@ -26,8 +27,9 @@ KEPT = 4  # cached linearization points
 # are sharp. For a body with three inserts, 4 repeats of 1e5 photons and 2 rays, the chi-square of the error is 740,000
 # in 46,080 rays. Twice the rays leave 150,000 of it, four times 30,000 (for voxels with sharp edges 2,400 and 380).
 FINER, FINER_OF_SHAPES = 2, 4
+SIMULATED = "simulation"  # error of the user's own simulation, in units of the change by more rays per pixel
 # Share of an error that remains after it is fitted, because errors of higher order differ from ray to ray.
-LEFT = {"rays": 1.0, "voxels": 1 / 3}
+LEFT = {"rays": 1.0, "voxels": 1 / 3, SIMULATED: 0.05}
 
 
 def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tuple[Chain, Chain]:
@@ -42,9 +44,10 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
         Rays per pixel and direction of the first chain.
     """
     voxels = hasattr(scene, "slopes")
+    finer = FINER if voxels or isinstance(scene, SimulatedScene) else FINER_OF_SHAPES
     return (
         Chain(PosedScene(scene, samples) if voxels else scene, geometry, samples=samples, **more),
-        Chain(scene, geometry, samples=(FINER if voxels else FINER_OF_SHAPES) * samples, **more),
+        Chain(scene, geometry, samples=finer * samples, **more),
     )
 
 
@@ -68,9 +71,10 @@ class Numerical:
     """
 
     def __init__(self, chain: Chain, finer: Chain | None, coarser: Chain | None, anode: Anode = TUNGSTEN):
+        self._rays = SIMULATED if isinstance(chain.scene, SimulatedScene) else "rays"
         self._chain, self._finer, self._coarser, self._anode = chain, finer, coarser, anode
         self._kept, self._pieces = LRUCache(KEPT), {}
-        self.names = tuple(name for name, chain in (("rays", finer), ("voxels", coarser)) if chain is not None)
+        self.names = tuple(name for name, chain in ((self._rays, finer), ("voxels", coarser)) if chain is not None)
 
     def with_pieces(self, pieces: Mapping[str, Inclusion]) -> Numerical:
         """Return the errors for an object with pieces, {nuisance parameter with the attenuation: piece}."""
@@ -114,7 +118,7 @@ class Numerical:
         traced = self._chain if self._finer is None else self._finer.copy(samples=self._chain.samples)
         here = lines(traced)
         if self._finer is not None:
-            errors["rays"] = lines(self._finer.copy()) - here
+            errors[self._rays] = lines(self._finer.copy()) - here
         if self._coarser is not None:
             errors["voxels"] = here - lines(self._coarser.copy())
         return errors, here

@@ -49,7 +49,7 @@ def protocols_of(prepared: Mapping[str, Prepared], stated: Mapping[str, Sequence
 
 def scanned_in(settings: RecordingSettings) -> str:
     """Return the scanned object of a recording as a string that is equal for equal objects."""
-    return json.dumps(to_mapping((settings.disc, settings.object)), sort_keys=True)
+    return json.dumps(to_mapping((settings.disc, settings.object, settings.simulation)), sort_keys=True)
 
 
 def run_scanner_diagnosis(

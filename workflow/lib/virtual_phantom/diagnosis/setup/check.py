@@ -19,8 +19,8 @@ from ...recordings.recording import Recording
 from ..assumptions import object_text, scan_text
 from ..fitting.nuisance import PLACE, SURE, nuisances
 from ..projections.observed import Scans, scans
+from ..projections.own_simulation import scene_of_scan
 from ..request import DiagnosisRequest
-from ..scanned_object import scene_of
 from ..verdict.verdict import Diagnosis
 from ..verdict_text import SETUP_VERDICTS, setup_lines, with_verdict_text
 from .data_checks import copied_repeats, outlying_repeats, wrong_illumination
@@ -68,7 +68,7 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult 
     known = {number.name: SURE * number.sd for number in nuisances(0.0, 1.0, request.settings.alignment)}
     reach = {name: known[name] for name in (*PLACE, "scale")}
     location, unchecked = request.settings.location, recording.document.content.get("not_checked", ())
-    comparison = Comparison(scene_of(request), taken.repeats, taken.usable, MOST, reach, location, unchecked)
+    comparison = Comparison(scene_of_scan(request, recording), taken.repeats, taken.usable, MOST, reach, location, unchecked)
     scan = recording.document.content["scan"]
     finding = find(comparison, scan, recording.log, float(taken.repeats[:, taken.usable].max()))
     mistakes = {}

@@ -214,6 +214,11 @@ def _recordings(study: Study, keep: bool) -> Iterator[str]:
     for name, entry in study.diagnosis.recordings.items():
         where = f"diagnosis.recordings.{name}"
         yield from _object(entry.object, f"{where}.object", keep)
+        if entry.simulation is not None and not Path(entry.simulation).is_file():
+            yield (
+                f"{where}.simulation: {entry.simulation}: is no file; give one HDF5 file of projections (images are "
+                "not supported)"
+            )
         if not {name, entry.physics_from or name} <= documents.keys():
             continue
         if lines := _messages(check_kinds, {name: entry}, documents):

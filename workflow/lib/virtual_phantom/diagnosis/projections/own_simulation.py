@@ -1,0 +1,160 @@
+"""The user's own simulation of a recording, in place of an object.
+
+Its line integrals become path lengths in water, which reproduce the simulation when the physics that it already models
+(`baseline`) is applied to them. This physics is therefore never applied twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ...base.errors import InputError
+from ...base.geometry import OrbitGeometry
+from ...base.names import enumerated, label
+from ...io.exchange import opened
+from ...physics.beam.materials import attenuation_per_mm, energy_of
+from ...physics.chain import EVEN, Chain
+from ...physics.effect import PER_AIR_PHOTON, acts_on_images, load
+from ...physics.scenes.scene import Scene
+from ...physics.scenes.simulated import SimulatedScene
+from ...physics.state import AIR
+from ...recordings.projections import ADVICE, ProjectionsRecording, read_acquisition
+from ..fitting.priors import BASELINE_CONFIG_KEY, declared, stated_physics
+from ..request import DiagnosisRequest, nominal_settings
+from ..scanned_object import scene_of
+from .observed import LEAST_TRANSMISSION
+
+MOST_FINER = 8  # times the columns and rows of the recording; finer pixels only cost memory
+MOST_RAYS = 4  # per pixel and direction, as for shapes
+TOLERANCE = 1e-4  # largest difference of line integrals from the simulation; a tenth of a low noise
+MOST_CORRECTIONS = 60  # before a simulation is refused: a factor of 0.85 each would reach the tolerance
+IMAGES = (".nii", ".gz", ".dcm")  # endings of files of images
+
+
+def scene_of_scan(request: DiagnosisRequest, recording: ProjectionsRecording) -> Scene:
+    """Return the scene of a recording of projections: its object, or the user's own simulation.
+
+    Raises
+    ------
+    InputError
+        As scene_of and simulated_scene.
+    """
+    if request.settings.simulation is None:
+        return scene_of(request)
+    return simulated_scene(request, recording)
+
+
+def simulated_scene(request: DiagnosisRequest, recording: ProjectionsRecording) -> SimulatedScene:
+    """Return the scene of the user's own simulation.
+
+    Raises
+    ------
+    InputError
+        If the simulation does not fit the recording, or declared physics cannot be removed from it.
+    """
+    settings, path = request.settings, Path(request.settings.simulation)
+    if path.is_dir() or path.suffix in IMAGES:
+        raise InputError(f"{path}: a simulation in images is not supported; give its projections as HDF5")
+    geometry = finer_geometry(path, recording.geometry)
+    acquisition = read_acquisition(path, geometry)
+    lines = acquisition.line_integrals(LEAST_TRANSMISSION).astype(np.float64)
+    if not np.isfinite(lines).all():
+        raise InputError(f"{path}: has dead pixels (white field not above dark field); a simulation has none")
+    nominal = nominal_settings(recording)
+    detector = {
+        "sensor": nominal.sensor,
+        "illumination": recording.scan.get("illumination", EVEN),
+        "readout": AIR if acquisition.log else float((acquisition.white - acquisition.dark).mean()),
+    }
+    energy = settings.simulation_energy_kev or energy_of("water", request.mu_water_per_mm)
+    physics = _on_line_integrals(stated_physics(declared(settings.baseline, BASELINE_CONFIG_KEY)))
+    scene = SimulatedScene(lines / attenuation_per_mm("water", [energy])[0], geometry, energy, request.threads)
+    return _without(scene, lines, physics, path, anode=nominal.anode, **detector) if physics else scene
+
+
+def finer_geometry(path: Path, geometry: OrbitGeometry) -> OrbitGeometry:
+    """Return the geometry of a simulation, whose pixels may be finer than those of the recording by whole numbers."""
+    with opened(path, ADVICE) as file:
+        data = file.get("exchange/data")
+        shape = data.shape if isinstance(data, h5py.Dataset) and len(data.shape or ()) == 3 else geometry.shape
+    down, across = (
+        count // stated if count % stated == 0 and 1 < count // stated <= MOST_FINER else 1
+        for count, stated in zip(shape[1:], (geometry.rows, geometry.columns), strict=True)
+    )
+    return replace(
+        geometry,
+        rows=geometry.rows * down,
+        columns=geometry.columns * across,
+        row_pitch_mm=geometry.row_pitch_mm / down,
+        column_pitch_mm=geometry.column_pitch_mm / across,
+        row_offset_px=geometry.row_offset_px * down,
+        column_offset_px=geometry.column_offset_px * across,
+    )
+
+
+def rays_of_simulation(scene: Scene, shape: tuple[int, int, int]) -> int | None:
+    """Return the rays per pixel and direction for a simulation: its pixels in a pixel of the recording; else None.
+
+    Parameters
+    ----------
+    shape : tuple of 3 int
+        Views, rows and columns of the recording.
+    """
+    if not isinstance(scene, SimulatedScene):
+        return None
+    return min(max(scene.geometry.rows // shape[1], scene.geometry.columns // shape[2]), MOST_RAYS)
+
+
+def _on_line_integrals(physics: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
+    """Return the declared effects that a simulation of projections can contain.
+
+    Raises
+    ------
+    InputError
+        For effects whose size depends on the number of photons, which a simulation does not state.
+    """
+    for name, values in physics.items():
+        for parameter in load(name).parameters:
+            of_photons = parameter.reach is not None and parameter.reach.of == PER_AIR_PHOTON
+            if of_photons and values[parameter.name] != parameter.neutral:
+                raise InputError(
+                    f"{BASELINE_CONFIG_KEY}.{name}.{parameter.name}: depends on the number of photons, so it cannot be "
+                    "declared of a simulation; simulate without it"
+                )
+    return {name: values for name, values in physics.items() if not acts_on_images(name)}
+
+
+def _without(
+    scene: SimulatedScene, lines: np.ndarray, physics: Mapping, path: Path, *, anode, **detector
+) -> SimulatedScene:
+    """Return the scene that reproduces line integrals of a simulation with declared effects.
+
+    Path lengths are corrected by the remaining difference over the attenuation of water until it vanishes. For blurs
+    this is the iteration of P. H. van Cittert (Z. Phys. 69, 298, 1931).
+
+    Raises
+    ------
+    InputError
+        If the difference does not vanish.
+    """
+    water = scene.attenuation_per_mm[0]
+    paths = scene.paths_mm
+    for _ in range(MOST_CORRECTIONS):
+        chain = Chain(scene, scene.geometry, samples=1, **detector)
+        missed = lines - chain.state(physics, photons=1.0, anode=anode).line_integrals()
+        if not np.isfinite(missed).all():
+            break
+        if np.abs(missed).max() < TOLERANCE:
+            return scene
+        paths = paths + missed / water
+        scene = SimulatedScene(paths, scene.geometry, scene.energy_kev, scene.threads)
+    declares = enumerated([label(name) for name in physics])
+    raise InputError(
+        f"{path}: no object gives these line integrals with {declares}; declare under baseline only what the "
+        "simulation models, with its values"
+    )
