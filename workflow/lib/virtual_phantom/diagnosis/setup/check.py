@@ -68,7 +68,9 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult 
     known = {number.name: SURE * number.sd for number in nuisances(0.0, 1.0, request.settings.alignment)}
     reach = {name: known[name] for name in (*PLACE, "scale")}
     location, unchecked = request.settings.location, recording.document.content.get("not_checked", ())
-    comparison = Comparison(scene_of_scan(request, recording), taken.repeats, taken.usable, MOST, reach, location, unchecked)
+    comparison = Comparison(
+        scene_of_scan(request, recording), taken.repeats, taken.usable, MOST, reach, location, unchecked
+    )
     scan = recording.document.content["scan"]
     finding = find(comparison, scan, recording.log, float(taken.repeats[:, taken.usable].max()))
     mistakes = {}
