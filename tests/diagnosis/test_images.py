@@ -188,6 +188,17 @@ def test_hidden_effect_is_named(scene, name, key, value):
     )  # in one realization, noise common to the halves can look like half of a faint effect
 
 
+def test_gain_errors_of_detector_elements_are_named_as_rings(scene):
+    """The truth is a gain of every element in the projections, and nothing is named without it."""
+    candidates, found_rings = (*CANDIDATES, "rings"), {}
+    for rms in (0.0, 0.004):
+        content = found(prepared(scene, {"gain_pattern": {"rms": rms, "detector": 5.0}}), candidates).content
+        found_rings[rms] = {effect["name"]: effect["parameters"] for effect in content["effects"]}
+    assert found_rings[0.0] == {} and list(found_rings[0.004]) == ["rings"]
+    low, high = found_rings[0.004]["rings"]["rms"]["ci95"]
+    assert 0 < low < high < 50
+
+
 def test_single_repeat_states_the_source_of_its_noise(scene):
     """Mean of six realizations: chi-square of one realization scatters by 0.05."""
     chi_square = []

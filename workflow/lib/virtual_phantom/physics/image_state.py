@@ -36,6 +36,11 @@ class ImageState:
         """Distances from the axis of rotation, shape (y, x)."""
         return np.hypot(self.y_mm[:, None], self.x_mm)
 
+    @property
+    def rings(self) -> np.ndarray:
+        """Number of the ring about the axis of rotation, as wide as a pixel, shape (y, x)."""
+        return (self.radius_mm / min(self.spacing_mm[1:])).astype(int)
+
     def _positions(self, axis: int) -> np.ndarray:
         count = self.hu.shape[axis]
         return (np.arange(count) - (count - 1) / 2) * self.spacing_mm[axis]

@@ -11,7 +11,7 @@ from ...base.lru_cache import LRUCache
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
-from ...physics.effect import absolute_attenuation, acts_on_images
+from ...physics.effect import absolute_attenuation, acts_on_images, load
 from ...physics.state import State
 from ...simulation.reconstruct import apply_image_effects
 from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
@@ -96,7 +96,7 @@ class ImagesModel(Model):
         noise : ndarray, shape (realizations, z, y, x)
             HU; for the object location in the linearization's `errors`.
         """
-        on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
+        on_images = {key: values for key, values in physics.items() if acts_on_images(key) and not load(key).pattern}
         before, photons = before_images(physics), float(np.exp(nuisance["log_photons"]))
         settings = LinearizationPoint(before).key, photons
         here, rays, errors = pose_of(nuisance), linearization.rays, linearization.errors

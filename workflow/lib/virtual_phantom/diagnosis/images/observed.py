@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...physics.image_state import ImageState
 from ..noise.condensed import Blocks, Observed
+from ..noise.gain_pattern import Pattern, estimate
 from .whitening import ImageWhitening
 
 # Blocks along z, y and x for the variance of the noise. Smaller blocks have few independent voxels.
@@ -29,11 +31,32 @@ class ObservedImages(Observed):
         Mean over the repeats, HU.
     expected : ndarray, shape (z, y, x), or None
         HU without noise, of the model before fits, to define tissues and edges.
+    white : ImageWhitening or None
+        Transform that made `mean`.
+    rings : ndarray of int, shape (y, x), or None
+        Number of each voxel's ring about the isocenter.
     """
 
     repeats: np.ndarray | None = None
     hu: np.ndarray | None = None
     expected: np.ndarray | None = None
+    white: ImageWhitening | None = None
+    rings: np.ndarray | None = None
+
+    def pattern(self, residual: np.ndarray, weight: np.ndarray) -> Pattern:
+        """Estimate rings in whitened residuals; the RMS is in HU."""
+
+        def sums(values):
+            return np.stack([np.bincount(self.rings.ravel(), one.ravel()) for one in values])
+
+        found = estimate(residual, weight, sums=sums)
+        field = np.where(self.usable, self.pattern_field(found.values), 0)
+        hu = self.white.inverse(field)[self.usable].std() / max(field[self.usable].std(), 1e-12) if found.rms else 1.0
+        return replace(found, rms=found.rms * hu, error=found.error * hu)
+
+    def pattern_field(self, constants: np.ndarray) -> np.ndarray:
+        """Return the constant of every voxel's ring, shape (z, y, x). A whitened ring consists of rings, too."""
+        return constants[:, self.rings]
 
 
 @dataclass(frozen=True)
@@ -102,6 +125,8 @@ class Condenser:
             repeats=repeats,
             hu=mean,
             expected=self.expected,
+            white=self.white,
+            rings=ImageState(mean, (1.0, 1.0, 1.0)).rings,
         )
 
     def noise(self, realizations) -> NoiseStatistics:

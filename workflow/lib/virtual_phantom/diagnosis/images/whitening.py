@@ -45,6 +45,10 @@ class ImageWhitening:
         """Whiten an image, shape (z, y, x): HU to standard deviations."""
         return fft.irfftn(fft.rfftn(self.over_sd(image)) / np.sqrt(self.power), self.sd.shape)
 
+    def inverse(self, white: np.ndarray) -> np.ndarray:
+        """Undo the whitening of a field, shape (z, y, x): standard deviations to HU."""
+        return fft.irfftn(fft.rfftn(white) * np.sqrt(self.power), self.sd.shape) * self.sd
+
     def over_sd(self, image: np.ndarray) -> np.ndarray:
         """Return an image over the SD of its noise, shape (z, y, x), 0 where voxels do not count."""
         return np.where(self.used, image / np.where(self.used, self.sd, 1), 0)
