@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from ...physics.image_state import ImageState
 from ..noise.condensed import Blocks, Observed
@@ -14,6 +15,7 @@ from .whitening import ImageWhitening
 # Blocks along z, y and x for the variance of the noise. Smaller blocks have few independent voxels.
 PARTS = (2, 4, 4)
 PRIOR = 8  # weight of the common scatter of all blocks, in realizations
+RING_EDGE_HU, RING_EDGE_PX = 50.0, 3  # change of the mean HU of a ring to the next, and rings that it influences
 LAGS = ((0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 2, 0), (1, 0, 0))  # z, y, x, voxels
 
 
@@ -44,15 +46,30 @@ class ObservedImages(Observed):
     rings: np.ndarray | None = None
 
     def pattern(self, residual: np.ndarray, weight: np.ndarray) -> Pattern:
-        """Estimate rings in whitened residuals; the RMS is in HU."""
+        """Estimate rings in whitened residuals; the RMS is in HU.
+
+        Rings next to an edge of the object about the isocenter are not used: errors of the edge look like rings.
+        """
+        away = self._away_from_edges()
 
         def sums(values):
-            return np.stack([np.bincount(self.rings.ravel(), one.ravel()) for one in values])
+            return self._over_rings(values) * away
 
         found = estimate(residual, weight, sums=sums)
         field = np.where(self.usable, self.pattern_field(found.values), 0)
-        hu = self.white.inverse(field)[self.usable].std() / max(field[self.usable].std(), 1e-12) if found.rms else 1.0
+        hu = self.white.inverse(field)[self.usable].std() / field[self.usable].std() if found.rms else 1.0
         return replace(found, rms=found.rms * hu, error=found.error * hu)
+
+    def _over_rings(self, values: np.ndarray) -> np.ndarray:
+        """Return sums over the voxels of every ring, shape (slices, rings)."""
+        return np.stack([np.bincount(self.rings.ravel(), one.ravel()) for one in values])
+
+    def _away_from_edges(self) -> np.ndarray:
+        """Return the rings without an edge, bool, shape (slices, rings)."""
+        count = np.maximum(self._over_rings(np.ones(self.expected.shape)), 1)
+        mean = self._over_rings(self.expected) / count
+        edge = np.abs(np.diff(mean, axis=1, append=mean[:, -1:])) > RING_EDGE_HU
+        return ~ndimage.binary_dilation(edge, np.ones((1, 2 * RING_EDGE_PX + 1)))
 
     def pattern_field(self, constants: np.ndarray) -> np.ndarray:
         """Return the constant of every voxel's ring, shape (z, y, x). A whitened ring consists of rings, too."""

@@ -37,7 +37,7 @@ EFFECT = Effect(
     settled_by="measure the MTF with a wire or edge phantom",
     parameters=(
         Parameter("sigma_mm", "mm", "standard deviation s of the blur", 0.0, 5.0, 0.5, 0.6, power=2),
-        Parameter("boost", "1", "b: increase of the MTF at f_b", -0.5, 2.0, 0.0, 0.0),
+        Parameter("boost", "1", "b: increase of the MTF at f_b", 0.0, 2.0, 0.0, 0.0),
         Parameter(
             "boost_per_cm", "1/cm", "f_b: frequency of the boost", 0.3, 10.0, 3.0, 3.0, None, LOGARITHM, title="peak"
         ),
