@@ -100,7 +100,8 @@ def diagnose(
         effects = [check_text(name, "effects") for name in check_sequence(effects, "effects", "names of effects")]
     section = settings | _scanned_section(disc, mask, labels, shapes)
     document = read_document(recording)
-    if (kind := document.content["kind"]) != "projections":
+    kind = document.content["kind"]
+    if kind == "features" or (kind == "images" and phantom is not None):
         raise InputError(
             f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
             "configuration (docs/how-to/diagnosis.md) and run snakemake diagnosis"

@@ -13,6 +13,7 @@ from ..physics.beam.materials import attenuation_per_mm
 from ..physics.scenes.labeled import label_materials
 from ..physics.scenes.shapes import NOTHING
 from ..recordings.recording import Recording
+from .images.scan import ASSUMED
 from .preparation import nominal_settings
 from .request import DiagnosisRequest
 from .residuals.dataset import Prepared
@@ -76,6 +77,9 @@ def scan_text(request: DiagnosisRequest, recording: Recording) -> str:
     if request.protocol is not None:
         scan, views = to_mapping(request.protocol.scan), request.protocol.projections
         reconstruction = f", {request.protocol.algorithm.upper()}"
+        assumed = [] if request.settings.of_phantom else [key for key in ASSUMED if key not in recording.scan]
+        if assumed:
+            reconstruction += f"; not stated, so assumed: {', '.join(assumed)}; center of the images at the isocenter"
     else:
         scan, views, reconstruction = recording.scan, recording.scan["views"], ""
     return (

@@ -34,6 +34,13 @@ HIDDEN = {
 }
 
 
+# Effects that a scan of one slice, with its noise as recorded, does not show.
+NOT_IN_SLICES = {
+    "slice_thickness": "acts between slices, and slices of an object are repeats of one slice",
+    "electronic_noise": "acts on noise alone, which images of an object take from the recording",
+}
+
+
 def candidate_conditions(content: Mapping) -> dict:
     """Return the conditions of a scan that decide which effects are tried, as arguments of `candidates`."""
     kind = content["kind"]
@@ -46,6 +53,7 @@ def candidate_conditions(content: Mapping) -> dict:
         "corrected": content.get("corrected", ()),
         "helical": helical,
         "parallel": parallel,
+        "stated_times": bool({"rotation_time_ms", "view_interval_ms"} & content.get("scan", {}).keys()),
     }
 
 
@@ -56,6 +64,7 @@ def candidates(
     corrected: Collection[str] = (),
     helical: bool = False,
     parallel: bool = False,
+    stated_times: bool = True,
 ) -> list[str]:
     """Return the effects that a diagnosis tries on a recording.
 
@@ -66,6 +75,8 @@ def candidates(
     kind : {"projections", "images"}, optional
     timed : bool, optional
         Whether the times of the views are known.
+    stated_times : bool, optional
+        Whether recording.yaml states them, which counts for images of an object.
 
     Raises
     ------
@@ -74,6 +85,8 @@ def candidates(
         that is not stated.
     """
     hides, why = HIDDEN[kind]
+    of_object = kind == "images" and not settings.of_phantom
+    timed, helical = timed and (stated_times or not of_object), helical and not of_object
     unmet = {
         NOMINAL_PHOTONS: settings.nominal_photons is None,
         SUCCESSIVE_VIEWS: (settings.view_step or 1) % 2 == 0,
@@ -81,6 +94,7 @@ def candidates(
         DIVERGENT_BEAM: parallel,
     }
     hidden = {name: why for name in names() if hides(name)}
+    hidden |= NOT_IN_SLICES if of_object else {}
     hidden |= dict.fromkeys(settings.baseline, "is declared under baseline")
     for name in names():
         effect = load(name)
@@ -136,8 +150,11 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
         where, kind = f"diagnosis.recordings.{name}", recordings[name].content["kind"]
         if kind == "features":
             raise InputError(f"{where}: holds features; name comparisons with it under diagnosis.comparisons")
-        if kind == "images" and settings.protocol is None:
-            raise InputError(f"{where}: holds images; name the protocol that simulates them as `protocol`")
+        if kind == "images" and settings.of_phantom and settings.protocol is None:
+            raise InputError(
+                f"{where}: holds images; name the scanned object (disc, object), or the protocol that simulates the "
+                "study's phantom (protocol)"
+            )
         if kind == "projections" and settings.protocol is not None:
             raise InputError(f"{where}.protocol: projections have their own geometry; remove this key")
         other = settings.physics_from
@@ -145,9 +162,11 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
             raise InputError(
                 f"{where}.physics_from is '{other}', which holds {of}, not {kind}; name one of the same kind"
             )
-        if kind == "images" and not settings.of_phantom:
-            raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")
-        if kind == "images" and settings.location:
+        if settings.slices is not None and (kind != "images" or settings.of_phantom):
+            raise InputError(f"{where}.slices: are for images of an object; remove this key")
+        if kind == "images" and not settings.of_phantom and settings.protocol is not None:
+            raise InputError(f"{where}.protocol: is for images of the study's phantom; remove it, or disc or object")
+        if kind == "images" and settings.of_phantom and settings.location:
             raise InputError(f"{where}.location: images have their location in the files; shift their affine instead")
         if settings.baseline and other is not None:
             raise InputError(f"{where}: physics_from takes all physics from {other}; take it or baseline out")

@@ -32,6 +32,8 @@ class DiagnosisRequest:
         Seed of the study, for simulated noise.
     protocol : ImageProtocol or None
         None for projections.
+    mirrored : bool
+        Whether images show an object that is constant along z from its other end: their columns are reversed.
     """
 
     folder: str | Path
@@ -42,6 +44,7 @@ class DiagnosisRequest:
     seed: int = 0
     protocol: ImageProtocol | None = None
     threads: int = 1
+    mirrored: bool = False
 
     def located(self, location: Mapping[str, float]) -> DiagnosisRequest:
         """Return the request with the object at this location; itself if the location is empty."""

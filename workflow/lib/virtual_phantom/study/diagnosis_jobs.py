@@ -221,7 +221,7 @@ class Diagnosis:
 
     def next_measurements(self) -> list[str]:
         """Return the rankings of further measurements: for recordings of projections, and for their scanners."""
-        of_projections = [name for name, settings in self.settings.items() if settings.protocol is None]
+        of_projections = [name for name in self.settings if self.recordings.content(name)["kind"] == "projections"]
         scanners = [name for name, scanner in self.scanners.items() if set(scanner.recordings) <= set(of_projections)]
         return [self.files("next_measurement", recording=name) for name in of_projections if self.candidates[name]] + [
             self.files("scanner_next_measurement", scanner=name) for name in scanners

@@ -89,17 +89,19 @@ class Condenser:
 
     Parameters
     ----------
-    nulls : ndarray, shape (realizations, z, y, x)
-        Noise, HU, for the scatter of the statistics of one realization.
+    nulls : ndarray, shape (realizations, z, y, x), or None
+        Noise, HU, for the scatter of the statistics of one realization; None: statistics of the noise are not data.
     simulated : int
         Realizations of each prediction, whose scatter adds to the errors.
     expected : ndarray, shape (z, y, x)
         See ObservedImages.
     """
 
-    def __init__(self, white: ImageWhitening, nulls: np.ndarray, simulated: int, expected: np.ndarray):
+    def __init__(self, white: ImageWhitening, nulls: np.ndarray | None, simulated: int, expected: np.ndarray):
         self.white, self.simulated, self.expected = white, simulated, expected
-        self.blocks = Blocks.of(white.sd.shape, PARTS)
+        self.blocks, self._of_noise = Blocks.of(white.sd.shape, PARTS), nulls is not None
+        if nulls is None:
+            return
         self._counts = self.blocks.sum(white.used)
         self._pairs = [_shift_pairs(white.used, lag) for lag in LAGS]
         # Only relative scatter is used, because the noise level of the nulls may differ from the recording.
@@ -123,7 +125,7 @@ class Condenser:
         """
         n, mean = len(repeats), repeats.mean(axis=0, dtype=np.float64)
         statistics = variance_error = correlation_error = None
-        if n > 1:
+        if n > 1 and self._of_noise:
             statistics = self.noise([(repeat - mean) * np.sqrt(n / (n - 1)) for repeat in repeats])
             free = 1 / (n - 1) + 1 / self.simulated
             # Logarithms of sample variances are low by half their relative variance, predicted ones too.

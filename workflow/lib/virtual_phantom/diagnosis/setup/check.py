@@ -18,6 +18,7 @@ from ...recordings.projections import ProjectionsRecording
 from ...recordings.recording import Recording
 from ..assumptions import object_text, scan_text
 from ..fitting.nuisance import PLACE, SURE, nuisances
+from ..images.located import locate
 from ..projections.observed import Scans, scans
 from ..request import DiagnosisRequest
 from ..scanned_object import scene_of
@@ -58,6 +59,8 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult 
     """Compare a recording with its description; None if the check is switched off or not possible."""
     if not request.settings.check_setup or not isinstance(recording, ProjectionsRecording | ImagesRecording):
         return None
+    if isinstance(recording, ImagesRecording) and not request.settings.of_phantom:
+        return locate(recording, request)
     if isinstance(recording, ImagesRecording):
         phantom = read_nifti(request.phantom)
         repeats = np.stack([repeat.array for repeat in recording.repeats])
