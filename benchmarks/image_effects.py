@@ -17,6 +17,7 @@ from benchmarks import common
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid, circular, parallel_beam
 from virtual_phantom.base.settings import FbpSettings
+from virtual_phantom.diagnosis.candidate_effects import NOT_IN_SLICES
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.images.prepared import prepare
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
@@ -31,13 +32,13 @@ from virtual_phantom.reconstruction.images import reconstruct_hu
 ONE_THREAD = True
 FINAL_SEED = 5353
 OBJECTS = ("catphan504_ctp404", "acr464_module1")
-KEV, COLUMNS, MM, VIEWS, SLICES, REPEATS, PHOTONS = 60.0, 75, 3.0, 120, 2, 3, 5e4
-SUBRAYS = 16
+KEV, COLUMNS, MM, VIEWS, SLICES, PHOTONS = 60.0, 75, 3.0, 120, 8, 1e5
+SUBRAYS = 64
 POSITION = (np.arange(COLUMNS) - COLUMNS // 2) * MM
 ANGLES = np.arange(VIEWS) * 2 * np.pi / VIEWS
 WATER = xraylib.CS_Total_CP("H2O", KEV) / 10  # per mm
 FILTERS = ("shepp-logan", "cosine", "hamming", "hann")
-FURTHER = ("scatter", "spectrum", "xray_crosstalk", "detector_offset")  # candidates beside the effects on images
+FURTHER = ("scatter", "spectrum")  # candidates beside the effects on images
 # Effect that a kind of case hides; other kinds have the name of the effect.
 EFFECT = dict.fromkeys(FILTERS[1:], "reconstruction_kernel") | {"boost": "reconstruction_kernel"}
 KINDS = (
@@ -49,7 +50,7 @@ KINDS = (
     "contrast_dependent_resolution",
     "resampling",
     "hu_calibration",
-    "slice_thickness",
+    "rings",
     "nothing",
 )
 
@@ -96,6 +97,8 @@ def changed_lines(lines, kind, size, random, values):
         end = random.uniform(50, 80)
         thickness = [np.minimum(np.abs(at), end) ** 2 / 100 for at in (POSITION + moved, POSITION)]
         return lines + 0.02 * (thickness[0] - thickness[1])
+    if kind == "rings":  # gain errors of detector elements
+        return lines + 0.006 * size * random.normal(size=COLUMNS)
     if kind == "truncation":
         values["radius_mm"] = random.uniform(70, 95)
         return np.where(np.abs(POSITION) <= values["radius_mm"], lines, 0)
@@ -119,8 +122,6 @@ def changed_image(image, kind, size, random_pixel, values):
     if kind == "hu_calibration":
         values["offset_hu"] = 10 * size
         return image + values["offset_hu"]
-    if kind == "slice_thickness":
-        return ndimage.convolve1d(image, [size / 6, 1 - size / 3, size / 6], axis=0, mode="nearest")
     return image
 
 
@@ -131,37 +132,37 @@ def _interpolated(image, positions, axis, order):
 
 
 def recorded(kind, number, seed):
-    """Images (repeats, slices, rows, columns) of a case in HU, its object, and the true values by parameter."""
+    """Slices (slices, 1, rows, columns) of a case in HU, its object, and the true values by parameter."""
     random = np.random.default_rng(np.random.SeedSequence([seed, KINDS.index(kind), number]))
     name, size, pixel, values = OBJECTS[number % 2], random.uniform(0.7, 1.5), random.uniform(1.5, 3.5), {}
     lines = changed_lines(sinogram(name), kind, size, random, values)
     filter_name = kind if kind in FILTERS else "hann" if kind == "boost" else "ramp"
-    repeats = []
-    for _ in range(REPEATS):
-        counts = random.poisson(PHOTONS * np.exp(-lines), (SLICES, *lines.shape))
-        noisy = -np.log(np.maximum(counts, 0.5) / PHOTONS)
-        if kind == "truncation":
-            noisy[..., np.abs(POSITION) > values["radius_mm"]] = 0
-        image = [iradon(one.T / MM, np.rad2deg(ANGLES), filter_name=filter_name, circle=True) for one in noisy]
-        repeats.append(changed_image(1000 * (np.stack(image) / WATER - 1), kind, size, pixel, values))
-    return np.stack(repeats).astype(np.float32), name, values
+    counts = random.poisson(PHOTONS * np.exp(-lines), (SLICES, *lines.shape))
+    noisy = -np.log(np.maximum(counts, 0.5) / PHOTONS)
+    if kind == "truncation":
+        noisy[..., np.abs(POSITION) > values["radius_mm"]] = 0
+    image = [iradon(one.T / MM, np.rad2deg(ANGLES), filter_name=filter_name, circle=True) for one in noisy]
+    image = changed_image(1000 * (np.stack(image) / WATER - 1), kind, size, pixel, values)
+    return image[:, None].astype(np.float32), name, values
 
 
 def diagnosed(case):
     """Row of one case."""
     kind, number, seed, wanted = case
     images, name, values = recorded(kind, number, seed)
-    detector = dict(columns=COLUMNS, rows=SLICES + 2, column_pitch_mm=MM, row_pitch_mm=MM)
+    detector = dict(columns=COLUMNS, rows=1, column_pitch_mm=MM, row_pitch_mm=MM)
     geometry = circular(views=VIEWS, **parallel_beam(), **detector)
     grid = Grid(images.shape[1:], (MM, MM, MM))
-    chains = model_and_floor(ShapesScene(read_object(name).shapes, KEV), geometry, 3, readout=AIR)
+    chains = model_and_floor(ShapesScene(read_object(name).shapes, KEV), geometry, 16, readout=AIR)
     seen_mm = values.get("radius_mm", -POSITION[0])  # scanners show nothing outside the field of view
     valid = np.broadcast_to(np.hypot(POSITION[:, None], POSITION) < seen_mm - MM, grid.shape)
 
     def reconstruct(lines):
         return reconstruct_hu(lines.astype(np.float32), geometry, grid, "fbp", FbpSettings("coverage"), "cpu", WATER)
 
-    prepared = prepare(images, None, *chains, reconstruct, grid.spacing, valid, np.random.SeedSequence(seed))
+    prepared = prepare(
+        images, None, *chains, reconstruct, grid.spacing, valid, np.random.SeedSequence(seed), slices_variance=1.0
+    )
     chosen = choose(prepared.fitter, trial(prepared.fitter, ()), wanted)
     content = diagnose(kind, prepared, chosen).content
     named = [one["name"] for one in content["effects"]]
@@ -196,7 +197,7 @@ def add_arguments(parser):
 
 
 def run(options):
-    wanted = (*image_effects(), *FURTHER)
+    wanted = tuple(name for name in (*image_effects(), *FURTHER) if name not in NOT_IN_SLICES)
     numbers = range(options.first, options.first + options.draws)
     cases = [(kind, number, options.seed, wanted) for number in numbers for kind in options.kinds]
     fields = ["kind", "object", "number", "verdict", "named", "group", "score", "intervals", "covered", "values"]
