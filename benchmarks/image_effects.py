@@ -88,6 +88,11 @@ def sinogram(name):
     return -np.log(np.exp(-found).reshape(VIEWS, COLUMNS, SUBRAYS).mean(axis=2))
 
 
+def back_projected(lines, filter_name):
+    """Image of line integrals, shape (views, columns), per mm."""
+    return iradon(lines.T / MM, np.rad2deg(ANGLES), filter_name=filter_name, circle=True)
+
+
 def changed_lines(lines, kind, size, random, values):
     """Line integrals with a hidden effect of the raw data."""
     if kind == "residual_cupping":  # an error of second order in the water correction
@@ -98,9 +103,12 @@ def changed_lines(lines, kind, size, random, values):
         thickness = [np.minimum(np.abs(at), end) ** 2 / 100 for at in (POSITION + moved, POSITION)]
         return lines + 0.02 * (thickness[0] - thickness[1])
     if kind == "rings":  # gain errors of detector elements
-        return lines + 0.006 * size * random.normal(size=COLUMNS)
+        errors = np.tile(0.006 * size * random.normal(size=COLUMNS), (VIEWS, 1))
+        inside = np.hypot(POSITION[:, None], POSITION) < 95
+        values["rms"] = 1000 / WATER * back_projected(errors, "ramp")[inside].std()
+        return lines + errors
     if kind == "truncation":
-        values["radius_mm"] = random.uniform(70, 95)
+        values["radius_mm"] = MM * (random.integers(23, 32) + 0.5)  # edge of the last element
         return np.where(np.abs(POSITION) <= values["radius_mm"], lines, 0)
     return lines
 
@@ -141,7 +149,7 @@ def recorded(kind, number, seed):
     noisy = -np.log(np.maximum(counts, 0.5) / PHOTONS)
     if kind == "truncation":
         noisy[..., np.abs(POSITION) > values["radius_mm"]] = 0
-    image = [iradon(one.T / MM, np.rad2deg(ANGLES), filter_name=filter_name, circle=True) for one in noisy]
+    image = [back_projected(one, filter_name) for one in noisy]
     image = changed_image(1000 * (np.stack(image) / WATER - 1), kind, size, pixel, values)
     return image[:, None].astype(np.float32), name, values
 
@@ -201,8 +209,8 @@ def run(options):
     numbers = range(options.first, options.first + options.draws)
     cases = [(kind, number, options.seed, wanted) for number in numbers for kind in options.kinds]
     fields = ["kind", "object", "number", "verdict", "named", "group", "score", "intervals", "covered", "values"]
-    tasks, rows = cases, []
-    for (row,) in common.parallel_rows(_rows, tasks, options, fields):
+    rows = []
+    for (row,) in common.parallel_rows(_rows, cases, options, fields):
         rows.append(row)
         print(", ".join(str(value) for value in row.values()), flush=True)
     hidden = [row for row in rows if row["kind"] != "nothing"]

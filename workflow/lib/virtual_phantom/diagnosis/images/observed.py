@@ -56,9 +56,13 @@ class ObservedImages(Observed):
             return self._over_rings(values) * away
 
         found = estimate(residual, weight, sums=sums)
-        field = np.where(self.usable, self.pattern_field(found.values), 0)
-        hu = self.white.inverse(field)[self.usable].std() / field[self.usable].std() if found.rms else 1.0
-        return replace(found, rms=found.rms * hu, error=found.error * hu)
+        if not found.rms:
+            return found
+        # Over voxels, of the estimates and of their shrinkage; inner rings are stronger and have few voxels.
+        field, variance = (np.where(self.usable, self.pattern_field(of), 0) for of in (found.values, found.variance))
+        shrunk = (field**2).sum() / ((field**2).sum() + variance.sum())
+        rms = float(np.sqrt((self.white.inverse(field)[self.usable] ** 2).mean() / shrunk))
+        return replace(found, rms=rms, error=found.error * rms / found.rms)
 
     def _over_rings(self, values: np.ndarray) -> np.ndarray:
         """Return sums over the voxels of every ring, shape (slices, rings)."""

@@ -68,7 +68,10 @@ class PreparedImages(Prepared):
         """See Prepared.difference."""
         data = self.held_out if held_out else self.data
         mean = self.fitter.model.mean_image(fit.physics, fit.nuisance, fit.linearization)
-        return (data.hu - scaled(mean, fit.nuisance))[data.usable]
+        left = data.hu - scaled(mean, fit.nuisance)
+        if fit.pattern is not None:
+            left -= data.white.inverse(np.where(data.usable, data.pattern_field(fit.pattern), 0))
+        return left[data.usable]
 
 
 def prepare(

@@ -6,11 +6,13 @@ from scipy.interpolate import make_interp_spline
 from ..effect import Effect, Parameter
 from ..image_state import ImageState
 
+LEAST = 0.05  # pixels of the image; a finer matrix makes no difference
+
 
 def apply(state: ImageState, values: dict[str, float]) -> None:
     """Sample the image on another matrix and interpolate it back."""
     pixel = values["pixel_mm"]
-    if not pixel:
+    if pixel < LEAST * min(state.spacing_mm[1:]):
         return
     for axis, coordinates in ((1, state.y_mm), (2, state.x_mm)):
         last = np.ceil(max(-coordinates[0], coordinates[-1]) / pixel + 0.5)
