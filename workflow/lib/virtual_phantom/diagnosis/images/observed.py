@@ -69,10 +69,12 @@ class ObservedImages(Observed):
         return np.stack([np.bincount(self.rings.ravel(), one.ravel()) for one in values])
 
     def _away_from_edges(self) -> np.ndarray:
-        """Return the rings without an edge, bool, shape (slices, rings)."""
+        """Return the rings without an edge of the object along the ring, bool, shape (slices, rings)."""
         count = np.maximum(self._over_rings(np.ones(self.expected.shape)), 1)
         mean = self._over_rings(self.expected) / count
-        edge = np.abs(np.diff(mean, axis=1, append=mean[:, -1:])) > RING_EDGE_HU
+        within = np.sqrt(np.maximum(self._over_rings(self.expected**2) / count - mean**2, 0))
+        change = np.abs(np.diff(mean, axis=1, append=mean[:, -1:]))
+        edge = (change > RING_EDGE_HU) & (change > within)
         return ~ndimage.binary_dilation(edge, np.ones((1, 2 * RING_EDGE_PX + 1)))
 
     def pattern_field(self, constants: np.ndarray) -> np.ndarray:

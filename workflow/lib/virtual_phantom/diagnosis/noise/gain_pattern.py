@@ -68,6 +68,8 @@ def estimate(
     good = total > 0
     mean = np.where(good, sums(weight * residual) / np.where(good, total, 1), 0)
     noise = np.where(good, 1 / np.where(good, total, 1), 0)
+    if not good.any():
+        return Pattern(mean, noise, 0.0, 0.0)
     rough, left = _without_smooth(mean, good)
     square = rough[good] ** 2 / left
     excess = float((square - noise[good]).mean())
