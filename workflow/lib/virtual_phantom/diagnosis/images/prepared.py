@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import fft, stats
+from scipy import fft, ndimage, stats
 
 from ...base.errors import InputError
 from ...base.streams import Stream
@@ -27,6 +27,8 @@ from .whitening import LEAST_POWER, LEAST_POWER_OF_SLICES, image_whitening, loca
 
 OFFSET_SD_HU = 1.0  # of the zero of the HU scale
 SIZE_SD = 0.003  # of an object in images: scanners state the size of their voxels this well
+CORRECTION_LEFT = 0.5  # share of the correction for finite pixels and voxels that may be wrong
+EDGE_VOXELS = 1.0  # SD of the average of this error
 RECORDED_NOISE = 3  # repeats from which the noise is estimated from the data; with fewer, by simulation
 FINE = 0.5  # of the highest in-plane frequency, above which noise dominates
 TRIAL_PHOTONS = 1e5  # of simulated noise before it is scaled to the recording
@@ -176,7 +178,10 @@ def prepare(
         nulls = np.concatenate([batch - HU_AIR for batch in batches])
         final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
     data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
-    fitter = Fitter(final, data, held_out, local_variance(white, nulls), np.zeros(expected.shape))
+    # The correction is exact for one set of parameters; a part of it remains at edges that effects change.
+    floor = CORRECTION_LEFT * np.abs(white(np.broadcast_to(final.correction, expected.shape)))
+    floor = np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
+    fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
     return PreparedImages(fitter, data, held_out, white.sd**2, words, single, photons)
 
 
