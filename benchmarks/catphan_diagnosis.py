@@ -40,6 +40,6 @@ def run(options):
     cpu = sum(one.ru_utime + one.ru_stime for one in used)
     memory = [one.ru_maxrss / GIGABYTE for one in used]
     print(
-        f"{time.time() - begin:.0f} s, CPU time {cpu:.0f} s, memory {memory[0]:.2f} GB and at most {memory[1]:.2f} GB for "
-        f"each of {options.processes} processes"
+        f"{time.time() - begin:.0f} s, CPU time {cpu:.0f} s, memory {memory[0]:.2f} GB; parallel processes at most "
+        f"{memory[1]:.2f} GB each"
     )
