@@ -47,7 +47,7 @@ def diagnose(
     matters: Mapping[str, float] | None = None,
     **settings,
 ) -> Diagnosis:
-    """Compare a recording of projections with its simulation, and find the physics that the simulation lacks.
+    """Compare a recording with its simulation, and find the physics that the simulation lacks.
 
     Exactly one of `disc`, `mask`, `labels`, `shapes` and `phantom` describes the scanned object.
 
@@ -68,14 +68,14 @@ def diagnose(
     phantom : str or Path, optional
         NIfTI image in HU.
     effects : sequence of str, optional
-        Effects to try. Default: all effects that can be seen in projections.
+        Effects to try. Default: all effects that the recording can show.
     processes : int, optional
         Number of processes.
     matters : mapping of str to float, optional
         Relevance thresholds that replace defaults of `diagnosis.matters`.
     **settings
         Settings of `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
-        `location`, `check_setup`, `object_may_differ`.
+        `location`, `slices`, `check_setup`, `object_may_differ`.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def diagnose(
     Raises
     ------
     InputError
-        If the recording cannot be read or has no projections, or if an effect cannot be seen in projections. Also if a
+        If the recording cannot be read, has features or images of `phantom`, or cannot show an effect. Also if a
         setting is unknown, or if not exactly one object is given.
     """
     given = [scanned for scanned in (disc, mask, labels, shapes, phantom) if scanned is not None]

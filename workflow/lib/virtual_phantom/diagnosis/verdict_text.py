@@ -91,7 +91,8 @@ def recording_lines(content: Mapping, stated: Mapping[str, float] | None = None)
         Object location in the configuration, mm by axis.
     """
     below = content.get("practice", {}).get("small", [])
-    named = [effect for effect in content["effects"] if effect["name"] not in below]
+    at_bounds = content.get("at_bounds", [])
+    named = [effect for effect in content["effects"] if effect["name"] not in (*below, *at_bounds)]
     return [
         _conclusion(content, named),
         _alternatives(content, [effect["name"] for effect in named]),
@@ -123,6 +124,8 @@ def _conclusion(content: Mapping, named: Sequence[Mapping]) -> VerdictLine:
         text = "none; a declared value contradicts the data"
     else:
         text = "unknown; no effect of Virtual Phantom explains the difference"
+        if content.get("at_bounds"):
+            text += f"; {enumerated(list(map(effect_name, content['at_bounds'])))} fits best, at the end of its range"
     return VerdictLine("Missing physics", text)
 
 

@@ -53,6 +53,7 @@ class ImagesModel(Model):
         super().__init__(chain, nuisances, **settings)
         self.reconstruct, self.spacing_mm, self._seed = reconstruct, spacing_mm, seed
         self.condenser: Condenser | None = None
+        self.correction: np.ndarray | float = 0.0  # HU, of the error of finite pixels and voxels
         self.recorded_noise: np.ndarray | None = None  # HU, shape (repeats, z, y, x)
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
@@ -94,7 +95,7 @@ class ImagesModel(Model):
         """
         mean, noise = self.mean_image(physics, nuisance, linearization), self.recorded_noise
         if noise is not None:
-            return scaled(mean, nuisance) + noise[:count]
+            return scaled(mean, nuisance) + noise[-count:]  # of the held-out slices
         noise = self.noise_images(physics, nuisance, linearization)
         return scaled(mean + noise[:count], nuisance)
 
@@ -110,7 +111,7 @@ class ImagesModel(Model):
 
         def mean() -> np.ndarray:
             state = self.linearized_at(rays).state(before, here, photons=photons, anode=self.anode)
-            return self.reconstruct((state.line_integrals() + state.log_noise()[0])[None])[0]
+            return self.reconstruct((state.line_integrals() + state.log_noise()[0])[None])[0] + self.correction
 
         image = self._means.get((settings, here, rays.key), mean)
         return apply_image_effects(image, self.spacing_mm, self._on_images(physics))

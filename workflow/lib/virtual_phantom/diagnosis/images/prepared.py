@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import fft, stats
+from scipy import fft, ndimage, stats
 
 from ...base.errors import InputError
 from ...base.streams import Stream
@@ -23,9 +23,12 @@ from ..residuals.residual_tests import DomainTest, HalfResiduals
 from .model import REALIZATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser
 from .residual_maps import domain_tests
-from .whitening import image_whitening, local_variance
+from .whitening import LEAST_POWER, LEAST_POWER_OF_SLICES, image_whitening, local_variance
 
 OFFSET_SD_HU = 1.0  # of the zero of the HU scale
+SIZE_SD = 0.003  # of an object in images: scanners state the size of their voxels this well
+CORRECTION_LEFT = 0.5  # share of the correction for finite pixels and voxels that may be wrong
+EDGE_VOXELS = 1.0  # SD of the average of this error
 RECORDED_NOISE = 3  # repeats from which the noise is estimated from the data; with fewer, by simulation
 FINE = 0.5  # of the highest in-plane frequency, above which noise dominates
 TRIAL_PHOTONS = 1e5  # of simulated noise before it is scaled to the recording
@@ -91,6 +94,7 @@ def prepare(
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
     location: Mapping[str, float] | None = None,
     slices_variance: float | None = None,
+    reconstruct_finely: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> PreparedImages:
     """Estimate noise, numerical errors and alignment of a recording.
 
@@ -115,16 +119,22 @@ def prepare(
     slices_variance : float, optional
         If the repeats are slices of an object that is constant along z: factor of their sample variance that accounts
         for their correlation. Their noise is then only whitened, and not compared with a simulation.
+    reconstruct_finely : callable, optional
+        Like `reconstruct`, for line integrals of the floor chain, with finer voxels that are averaged. The difference
+        of both images then corrects every prediction. None: `reconstruct`, and no correction.
 
     Raises
     ------
     InputError
         If the repeats do not vary.
     """
-    given = {"offset": OFFSET_SD_HU} | (known or {})
+    of_slices = slices_variance is not None
+    given = {"offset": OFFSET_SD_HU} | ({"size": SIZE_SD} if of_slices else {}) | (known or {})
 
     def model(log_photons, sd):
         aligned = nuisances(log_photons, sd, given, location=location)
+        if of_slices:  # the same at every height
+            aligned = tuple(number for number in aligned if number.name != "z_mm")
         label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
         return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, **label)
 
@@ -144,21 +154,26 @@ def prepare(
         noise = simulated * np.sqrt(ratio)
     if not ratio > 1e-9:
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")
-    photons, of_slices = TRIAL_PHOTONS / ratio, slices_variance is not None
+    photons = TRIAL_PHOTONS / ratio
     pose = pose_of(place)
-    finer = reconstruct(floor_chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
+    finely = reconstruct_finely or reconstruct
+    finer = finely(floor_chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
     coarse = reconstruct(chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
-    recorded_noise = noise
+    recorded_noise = taken - taken.mean(axis=0)
     if of_slices:
         noise = noise * np.sqrt(slices_variance)
     fitted, held, words, usable = _split(repeats, further, valid, of_slices)
-    white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1))
+    least = LEAST_POWER_OF_SLICES if of_slices else LEAST_POWER
+    white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1), least)
     log_photons = np.log(nominal_photons or photons)
     # Noise that is not fitted does not determine the photons, so they need a prior.
     stays = nominal_photons or len(fitted) == 1 or of_slices
     final = model(log_photons, NOMINAL_PHOTONS_SD if stays else np.inf)
     if of_slices:
         final.recorded_noise, nulls = recorded_noise, noise
+        if reconstruct_finely is not None:
+            final.correction = finer - coarse
+            expected = expected + final.correction
         final.condenser = Condenser(white, None, REALIZATIONS, expected)
     else:
         state = chain.state(physics, pose, photons=photons, anode=anode)
@@ -166,7 +181,10 @@ def prepare(
         nulls = np.concatenate([batch - HU_AIR for batch in batches])
         final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
     data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
-    fitter = Fitter(final, data, held_out, local_variance(white, nulls), np.zeros(expected.shape))
+    # The correction is exact for one set of parameters; a part of it remains at edges that effects change.
+    floor = CORRECTION_LEFT * np.abs(white(np.broadcast_to(final.correction, expected.shape)))
+    floor = np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
+    fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
     return PreparedImages(fitter, data, held_out, white.sd**2, words, single, photons)
 
 

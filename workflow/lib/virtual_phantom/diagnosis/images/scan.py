@@ -24,9 +24,11 @@ DISTANCES_MM = (595.0, 1085.6)  # source to isocenter and detector of a clinical
 PANEL_RATIO = 1.5  # source to detector over source to isocenter of cone-beam CT on linear accelerators
 PANEL_FROM_MM = 1200.0  # clinical gantries have shorter distances from source to detector
 MOST_ACROSS = 256  # voxels across the object, of images that are compared; finer ones are averaged
-VIEWS_PER_COLUMN = 1.6  # pi / 2: as many views as keep the resolution at the edge of the field of view
-# MTF of the reconstruction over the Nyquist frequency of the voxels. It is nearly 1 up to there, so that blur is left to
-# the effects.
+# Distance of detector pixels at the isocenter over the voxel size. Their width, and the interpolation between them when
+# rays are rebinned, then blur as much as the average over a voxel: w^2/12 = p^2/12 + p^2/6.
+PIXEL_OVER_VOXEL = 1 / math.sqrt(3)
+VIEW_OVER_VOXEL = 0.8  # distance between views at the edge of the object, over the voxel size
+# MTF of the reconstruction over the Nyquist frequency of the rays. Blur is left to the effects.
 MTF50, MTF10 = 0.9, 1.1
 MARGIN_MM = 10.0  # around the object, for its edge and the air next to it
 ROTATION_MS = 1000.0
@@ -121,7 +123,7 @@ def scan_of_images(recording: ImagesRecording, request: DiagnosisRequest) -> tup
     voxel = grid.spacing[1] * imaged.binned
     enlarged = scan["source_to_detector_mm"] / to_isocentre
     scan.setdefault("detector", FLAT if panel or scan.get("trajectory") == "circular" else CYLINDRICAL)
-    scan.setdefault("column_pitch_mm", voxel * enlarged)
+    scan.setdefault("column_pitch_mm", PIXEL_OVER_VOXEL * voxel * enlarged)
     half_fan = math.asin(min(0.99, radius / to_isocentre))
     half = half_fan if scan["detector"] == CYLINDRICAL else math.tan(half_fan)
     scan.setdefault("columns", 2 * math.ceil(half * scan["source_to_detector_mm"] / scan["column_pitch_mm"]))
@@ -129,7 +131,9 @@ def scan_of_images(recording: ImagesRecording, request: DiagnosisRequest) -> tup
     height = (imaged.slices.stop - imaged.slices.start + 2) * grid.spacing[0]
     rows = math.ceil(height * (1 + imaged.radius_mm / to_isocentre) * enlarged / scan["row_pitch_mm"])
     scan.setdefault("rows", rows)
-    scan.setdefault("views_per_rotation", scan.get("views", 2 * round(VIEWS_PER_COLUMN * scan["columns"] / 2)))
+    scan.setdefault(
+        "views_per_rotation", scan.get("views", 2 * math.ceil(math.pi * imaged.radius_mm / (VIEW_OVER_VOXEL * voxel)))
+    )
     scan.setdefault("rotation_time_ms", ROTATION_MS)
     assumed = tuple(key for key in ASSUMED if key not in stated)
     if imaged.prism:
@@ -148,17 +152,33 @@ def scan_of_images(recording: ImagesRecording, request: DiagnosisRequest) -> tup
         row_offset_px=0.0,
         **{key: scan[key] for key in COPIED},
     )
-    nyquist_per_cm = 10 / (2 * max(voxel, scan["column_pitch_mm"] / enlarged))
     views = round(scan["views_per_rotation"])
     protocol = ImageProtocol(
         settings,
         GridSettings((1, *grid.shape[1:]) if imaged.prism else grid.shape, grid.spacing, oversampling=1),
         projections=views,
         algorithm="fbp",
-        settings=FbpSettings("coverage", KernelSettings(MTF50 * nyquist_per_cm, MTF10 * nyquist_per_cm)),
+        settings=_sharp(scan["column_pitch_mm"] / enlarged),
         engine="cpu",
     )
     return protocol, assumed
+
+
+def _sharp(pitch_mm: float) -> FbpSettings:
+    """Return a reconstruction without more blur than that of detector pixels with this distance at the isocenter."""
+    nyquist_per_cm = 10 / (2 * pitch_mm)
+    return FbpSettings("coverage", KernelSettings(MTF50 * nyquist_per_cm, MTF10 * nyquist_per_cm))
+
+
+def finer_scan(protocol: ImageProtocol, factor: int) -> ImageProtocol:
+    """Return the scan with more and smaller detector pixels, and more views."""
+    scan = protocol.scan
+    pitch = scan.column_pitch_mm / factor
+    finer = replace(
+        scan, columns=scan.columns * factor, column_pitch_mm=pitch, column_offset_px=scan.column_offset_px * factor
+    )
+    settings = _sharp(pitch * scan.source_to_isocentre_mm / scan.source_to_detector_mm)
+    return replace(protocol, scan=finer, projections=protocol.projections * factor, settings=settings)
 
 
 def with_scan(request: DiagnosisRequest, recording: ImagesRecording) -> DiagnosisRequest:

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy import ndimage
 from skimage.measure import block_reduce
 
 from ...base.errors import InputError
-from ...base.geometry import Grid, OrbitGeometry
+from ...base.geometry import Grid, ImageProtocol, OrbitGeometry
 from ...base.streams import Branch, branch
+from ...physics.chain import Chain
 from ...physics.state import AIR
 from ...reconstruction.images import reconstruct_hu
 from ...recordings.images import ImagesRecording
@@ -27,8 +29,10 @@ from ..selection.forward_selection import Choice
 from ..workload import samples_for
 from .model import REALIZATIONS
 from .prepared import PreparedImages, prepare
-from .scan import MARGIN_MM, MOST_SLICES, imaged_object
+from .scan import MARGIN_MM, MOST_SLICES, finer_scan, imaged_object
 
+FINER = 2  # pixels, views and voxels of the images that show the error of finite ones
+CUT_OFF = 2  # voxels next to constant air that are excluded
 LEAST_INDEPENDENT = 4  # slices with independent noise
 LEAST_CORRELATED = 0.03  # correlation of the noise of slices below which it is estimation noise
 LEAST_SLICES = 4  # fewer do not show noise correlation along z, and cannot be split for a single repeat
@@ -46,10 +50,14 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     """
     protocol, settings = request.protocol, request.settings
     scene, geometry = scene_of(request), protocol.geometry
-    samples = samples_for(settings.samples, settings.of_shapes, geometry.shape)
-    chains = model_and_floor(scene, geometry, samples, sensor=nominal.sensor, readout=AIR)
+    # The pixels of images of an object are small (scan.PIXEL_OVER_VOXEL).
+    samples = samples_for(settings.samples, settings.of_shapes and settings.of_phantom, geometry.shape)
+    detector = {"sensor": nominal.sensor, "readout": AIR}
+    chains = model_and_floor(scene, geometry, samples, **detector)
     imaged = None if settings.of_phantom else imaged_object(request, recording.grid)
     of_slices = imaged is not None and imaged.prism
+    if of_slices:
+        chains = chains[0], Chain(scene, finer_scan(protocol, FINER).geometry, samples=samples, **detector)
     whole = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
     binned, box = 1, (slice(None), slice(None))
     if imaged is None:
@@ -68,16 +76,14 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     made, shown_of_made = (grid, slice(None)) if protocol.algorithm == "fbp" else (whole, shown)
 
     def reconstruct(lines: np.ndarray) -> np.ndarray:
-        return reconstruct_hu(
-            lines.astype(np.float32),
-            geometry,
-            made,
-            protocol.algorithm,
-            protocol.settings,
-            protocol.engine,
-            request.mu_water_per_mm,
-            request.threads,
-        )[:, shown_of_made]
+        return _reconstructed(protocol, request, lines, geometry, made)[:, shown_of_made]
+
+    def reconstruct_finely(lines: np.ndarray) -> np.ndarray:
+        fine = Grid(
+            (1, *(FINER * n for n in made.shape[1:])), (made.spacing[0], *(step / FINER for step in made.spacing[1:]))
+        )
+        images = _reconstructed(finer_scan(protocol, FINER), request, lines, chains[1].geometry, fine)
+        return block_reduce(images, (1, 1, FINER, FINER), np.mean)
 
     def arrays(repeats):
         if not len(repeats):
@@ -90,6 +96,8 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
 
     repeats, further, slices_variance = arrays(recording.repeats), arrays(recording.held_out), None
     if of_slices:
+        # Scanners set air to one value; edges next to such voxels are cut off, too.
+        valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
         slices_variance = correlated_variance(repeats, valid[0])
         repeats, further = (None if stacks is None else slices_as_repeats(stacks) for stacks in (repeats, further))
 
@@ -108,6 +116,22 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         declared=declared(settings.baseline, BASELINE_CONFIG_KEY),
         location=settings.location,
         slices_variance=slices_variance,
+        reconstruct_finely=reconstruct_finely if of_slices else None,
+    )
+
+
+def _reconstructed(
+    protocol: ImageProtocol, request: DiagnosisRequest, lines: np.ndarray, geometry: OrbitGeometry, grid: Grid
+) -> np.ndarray:
+    return reconstruct_hu(
+        lines.astype(np.float32),
+        geometry,
+        grid,
+        protocol.algorithm,
+        protocol.settings,
+        protocol.engine,
+        request.mu_water_per_mm,
+        request.threads,
     )
 
 

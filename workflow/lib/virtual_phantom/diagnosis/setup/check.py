@@ -18,7 +18,6 @@ from ...recordings.projections import ProjectionsRecording
 from ...recordings.recording import Recording
 from ..assumptions import object_text, scan_text
 from ..fitting.nuisance import PLACE, SURE, nuisances
-from ..images.located import locate
 from ..projections.observed import Scans, scans
 from ..request import DiagnosisRequest
 from ..scanned_object import scene_of
@@ -26,6 +25,7 @@ from ..verdict.verdict import Diagnosis
 from ..verdict_text import SETUP_VERDICTS, setup_lines, with_verdict_text
 from .data_checks import copied_repeats, outlying_repeats, wrong_illumination
 from .finding import AS_STATED, DESCRIPTION, MOST, Finding, SetupResult, find
+from .located import locate
 from .mismatch import Comparison
 from .orientation import orientation
 

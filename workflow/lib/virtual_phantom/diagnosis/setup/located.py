@@ -18,9 +18,9 @@ from ...physics.scenes.shapes import cylinder
 from ...recordings.images import ImagesRecording
 from ...recordings.registration import Search
 from ..comparison.regions import ScannedVolume, sampled
+from ..images.scan import ImagedObject, imaged_object, with_scan
 from ..request import DiagnosisRequest
-from ..setup.finding import AS_STATED, SetupResult
-from .scan import ImagedObject, imaged_object, with_scan
+from .finding import AS_STATED, SetupResult
 
 LEAST_VOXEL_MM = 1.0  # of the images that are registered
 CLEARLY_BETTER = 0.05  # correlation inside an object that was mounted the other way round, over that as stated
