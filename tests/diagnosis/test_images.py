@@ -188,6 +188,23 @@ def test_hidden_effect_is_named(scene, name, key, value):
     )  # in one realization, noise common to the halves can look like half of a faint effect
 
 
+def test_gain_errors_of_detector_elements_are_named_as_rings(scene):
+    """The truth is a gain of every element in the projections, and nothing is named without it."""
+    named, images = [], []
+    for rms in (0.0, 0.008):
+        physics = {"gain_pattern": {"rms": rms, "detector": 5.0}}
+        prepared_data = prepared(scene, physics)
+        diagnosis = found(prepared_data, (*CANDIDATES, "rings"))
+        named.append([effect["name"] for effect in diagnosis.content["effects"]])
+        images.append(reconstruct(Chain(scene, GEOMETRY, PHOTONS).state(physics).line_integrals()[None])[0])
+    assert named == [[], ["rings"]]
+    data = prepared_data.data
+    rings = data.pattern_field(diagnosis.choice.chosen.fit.pattern)
+    used = data.usable & (rings != 0)
+    found_rings = data.white.inverse(np.where(data.usable, rings, 0))[used]
+    assert np.corrcoef(found_rings, (images[1] - images[0])[used])[0, 1] > 0.5
+
+
 def test_single_repeat_states_the_source_of_its_noise(scene):
     """Mean of six realizations: chi-square of one realization scatters by 0.05."""
     chi_square = []

@@ -1,10 +1,12 @@
-"""An effect on images is added by one file in the effects folder."""
+"""Effects on images: closed forms, back-projections of scikit-image, and effects added by one file."""
 
 import shutil
 from pathlib import Path
 
 import numpy as np
+import pytest
 from generators import effects as effects_page
+from skimage.transform import iradon
 
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.candidate_effects import candidates
@@ -52,3 +54,87 @@ def test_effect_on_images_is_added_by_one_file(tmp_path, monkeypatch):
     assert {"cut_before", "cut_after"} <= set(candidates(settings, "images"))
     assert not {"cut_before", "cut_after"} & set(candidates(settings))
     assert "## Cut before" in effects_page.page()
+
+
+SIDE, MM, MU = 129, 2.0, 0.02  # odd: skimage.transform.iradon and ImageState then have the same center
+POSITION = (np.arange(SIDE) - SIDE // 2) * MM
+RADIUS = np.hypot(POSITION[:, None], POSITION)
+CHORD = 2 * np.sqrt(np.maximum(100.0**2 - POSITION**2, 0))  # of a disc of radius 100 mm
+
+
+def changed_hu(name, image=None, **values):
+    image = np.zeros((1, SIDE, SIDE)) if image is None else image
+    return apply_image_effects(image, (1.0, MM, MM), {name: effect.load(name).values(values)})[0]
+
+
+def back_projected_hu(line_integrals):
+    """Return the HU that a sinogram, equal in all views, adds to an image, by scikit-image."""
+    views = np.arange(180.0)
+    sinogram = np.repeat(line_integrals[:, None] / MM, len(views), axis=1)
+    return 1000 / MU * iradon(sinogram, views, filter_name="ramp", circle=True)
+
+
+@pytest.mark.parametrize("name", effect.image_effects())
+def test_neutral_parameters_change_nothing(name):
+    image = np.random.default_rng(1).normal(0, 100, (3, 20, 24)).astype(np.float32)
+    neutral = {one.name: one.neutral for one in effect.load(name).parameters if one.neutral is not None}
+    values = effect.load(name).values(neutral)
+    np.testing.assert_array_equal(apply_image_effects(image, (2.0, 1.0, 1.5), {name: values}), image)
+
+
+def test_kernel_has_the_mtf_of_its_equation():
+    point = np.zeros((1, SIDE, SIDE))
+    point[0, SIDE // 2, SIDE // 2] = 1
+    found = np.fft.rfft2(np.fft.ifftshift(changed_hu("reconstruction_kernel", point, sigma_mm=1.5, boost=0.4)))
+    frequency = np.hypot(np.fft.fftfreq(SIDE, MM)[:, None], np.fft.rfftfreq(SIDE, MM))
+    boost = 1 + 0.4 * (frequency / 0.3) ** 2 * np.exp(1 - (frequency / 0.3) ** 2)
+    expected = np.exp(-((2 * np.pi * 1.5 * frequency) ** 2) / 2) * boost
+    # The cosine transform samples the MTF at other frequencies, so that they agree up to the edge of the image.
+    np.testing.assert_allclose(found.real, expected, atol=0.01)
+
+
+def test_cupping_is_that_of_an_error_of_line_integrals():
+    """A term e p^3 of the water correction gives a disc the cupping 6 e mu^3 (R^2 - r^2)."""
+    inside, error = RADIUS < 80, 1e-3
+    expected = back_projected_hu(error * (MU * CHORD) ** 3)[inside]
+    found = changed_hu("residual_cupping", quadratic_hu=-6 * error * MU**2 * 1000 * 100.0**2)[inside]
+    assert np.ptp(expected) > 1
+    np.testing.assert_allclose(found - found.mean(), expected - expected.mean(), atol=0.03 * np.ptp(expected))
+
+
+def test_truncation_is_that_of_a_truncated_disc():
+    fov = 70.0
+    inside = RADIUS < 0.9 * fov
+    kept = np.where(np.abs(POSITION) <= fov, MU * CHORD, 0)
+    expected = (back_projected_hu(kept) - back_projected_hu(MU * CHORD))[inside]
+    found = changed_hu("truncation", radius_mm=fov + MM / 2, path_mm=2 * np.sqrt(100**2 - (fov + MM / 2) ** 2))[inside]
+    assert found.max() > 500
+    np.testing.assert_allclose(found, expected, rtol=0.03, atol=5)
+
+
+def test_crescent_is_a_cosine_of_the_angle_with_its_peak_at_its_radius():
+    found = changed_hu("crescent", x_hu=20.0, y_hu=0.0, radius_mm=80.0)
+    assert found[SIDE // 2].max() == pytest.approx(20, rel=1e-3)
+    assert POSITION[found[SIDE // 2].argmax()] == pytest.approx(80, abs=MM)
+    np.testing.assert_allclose(found, -found[:, ::-1], atol=1e-5)
+    np.testing.assert_allclose(found[:, SIDE // 2], 0, atol=1e-5)
+
+
+def test_resampling_interpolates_linearly_between_other_pixels():
+    def image(position):
+        return 100 * np.cos(2 * np.pi * position / 30)
+
+    pixels = 3.1 * (np.arange(-45, 45) + 0.5)
+    rows = np.interp(POSITION, pixels, image(pixels))
+    found = changed_hu("resampling", np.broadcast_to(image(POSITION), (1, SIDE, SIDE)), pixel_mm=3.1)
+    np.testing.assert_allclose(found[:, 5:-5], np.broadcast_to(rows, (SIDE, SIDE))[:, 5:-5], atol=0.2)
+    assert np.abs(rows - image(POSITION)).max() > 3
+
+
+def test_low_contrast_is_blurred_and_high_contrast_kept():
+    edge = np.broadcast_to(np.where(POSITION > 0, 0.5, -0.5), (1, SIDE, SIDE))
+    blurred = changed_hu("reconstruction_kernel", edge, sigma_mm=4.0)
+    values = {"sigma_mm": 4.0, "contrast_hu": 50.0}
+    low, high = (changed_hu("contrast_dependent_resolution", size * edge, **values) / size for size in (1.0, 5000.0))
+    np.testing.assert_allclose(low, blurred, atol=0.01)
+    np.testing.assert_allclose(high, edge[0], atol=0.01)

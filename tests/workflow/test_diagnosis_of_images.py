@@ -82,10 +82,14 @@ def test_its_physics_is_an_overlay_for_images_only(scanner):
 
 def test_bad_settings_are_one_line(scanner):
     for settings, line in (
-        ({"protocol": None}, "diagnosis.recordings.scanner: holds images; name the protocol that simulates them"),
+        (
+            {"protocol": None},
+            "diagnosis.recordings.scanner: holds images; name the scanned object (disc, object), or the",
+        ),
         ({"protocol": "none"}, "diagnosis.recordings.scanner.protocol"),
         ({"effects": ["gain_pattern"]}, "gain_pattern has one unknown per detector pixel"),
-        ({"disc": {"diameter_mm": 70, "material": "pmma"}}, "simulated of the study's phantom"),
+        ({"disc": {"diameter_mm": 70, "material": "pmma"}}, "scanner.protocol: is for images of the study's phantom"),
+        ({"slices": [0, 3]}, "scanner.slices: are for images of an object"),
     ):
         process = diagnosis(scanner, "-n", **settings)
         assert process.returncode == 1 and line in process.stderr, process.stderr[-2000:]

@@ -48,7 +48,7 @@ def diagnose(
     matters: Mapping[str, float] | None = None,
     **settings,
 ) -> Diagnosis:
-    """Compare a recording of projections with its simulation, and find the physics that the simulation lacks.
+    """Compare a recording with its simulation, and find the physics that the simulation lacks.
 
     Exactly one of `disc`, `mask`, `labels`, `shapes`, `phantom` and `simulation` describes the scanned object.
 
@@ -71,14 +71,14 @@ def diagnose(
     simulation : str or Path, optional
         HDF5 file of your own simulation of the recording (docs/getting-started/own-simulation.md).
     effects : sequence of str, optional
-        Effects to try. Default: all effects that can be seen in projections.
+        Effects to try. Default: all effects that the recording can show.
     processes : int, optional
         Number of processes.
     matters : mapping of str to float, optional
         Relevance thresholds that replace defaults of `diagnosis.matters`.
     **settings
         Settings of `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
-        `location`, `check_setup`, `object_may_differ`, `baseline`, `simulation_energy_kev`.
+        `location`, `slices`, `check_setup`, `object_may_differ`, `baseline`, `simulation_energy_kev`.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def diagnose(
     Raises
     ------
     InputError
-        If the recording cannot be read or has no projections, or if an effect cannot be seen in projections. Also if a
+        If the recording cannot be read, has features or images of `phantom`, or cannot show an effect. Also if a
         setting is unknown, or if not exactly one object is given.
     """
     given = [scanned for scanned in (disc, mask, labels, shapes, phantom, simulation) if scanned is not None]
@@ -105,7 +105,8 @@ def diagnose(
     if simulation is not None:
         section["simulation"] = check_path(simulation, "simulation")
     document = read_document(recording)
-    if (kind := document.content["kind"]) != "projections":
+    kind = document.content["kind"]
+    if kind == "features" or (kind == "images" and phantom is not None):
         raise InputError(
             f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
             "configuration (docs/how-to/diagnosis.md) and run snakemake diagnosis"

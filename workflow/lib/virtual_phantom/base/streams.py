@@ -28,6 +28,7 @@ class Branch(IntEnum):
     REPOSITIONING = 7
     START_ANGLE = 8
     NOISE_CONTROL = 9  # white noise on the phantom, without a scan
+    RINGS = 10  # of seed 0, as GAIN_PATTERN
 
 
 def generator(stream: Stream | int) -> np.random.Generator:

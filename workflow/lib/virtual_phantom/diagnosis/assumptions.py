@@ -13,6 +13,7 @@ from ..physics.beam.materials import attenuation_per_mm
 from ..physics.scenes.labeled import label_materials
 from ..physics.scenes.shapes import NOTHING
 from ..recordings.recording import Recording
+from .images.scan import ASSUMED
 from .request import DiagnosisRequest, nominal_settings
 from .residuals.dataset import Prepared
 from .scanned_object import shaped_object
@@ -43,13 +44,24 @@ def model_assumptions(
         "tube": f"anode of {nominal.anode.target} at {nominal.anode.angle_deg:g} degrees, {tube}",
         "sensor": f"{label(sensor.material)}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
         "photons per pixel in air": photons,
-        "data": f"{counted(len(recording.repeats), 'repeat')}, {_views(prepared.step)}; held out: "
+        "data": f"{counted(len(recording.repeats), 'repeat')}, {_compared(request, prepared)}; held out: "
         f"{prepared.held_out_text}",
         "rays per pixel and direction": f"{prepared.fitter.model.chain.samples}",
         "alignment, standard deviations stated": stated_priors or "none: the defaults",
         "physics declared": ", ".join(map(label, settings.baseline)) or "none",
         "effects tried": ", ".join(map(label, effects)) or "none: physics taken from another recording",
     }
+
+
+def _compared(request: DiagnosisRequest, prepared: Prepared) -> str:
+    """Return the compared views, or the voxels of images, in words."""
+    if request.protocol is None:
+        return _views(prepared.step)
+    _, y_mm, x_mm = prepared.fitter.model.spacing_mm
+    text = " x ".join(map(str, prepared.data.mean.shape))
+    text += f" voxels (z, y, x) of {y_mm:.3g} x {x_mm:.3g} mm in the plane"
+    slices = prepared.data.n + prepared.held_out.n
+    return text if prepared.fitter.model.recorded_noise is None else f"{text}, {slices} slices as its repeats"
 
 
 def _views(step: int) -> str:
@@ -84,6 +96,9 @@ def scan_text(request: DiagnosisRequest, recording: Recording) -> str:
     if request.protocol is not None:
         scan, views = to_mapping(request.protocol.scan), request.protocol.projections
         reconstruction = f", {request.protocol.algorithm.upper()}"
+        assumed = [] if request.settings.of_phantom else [key for key in ASSUMED if key not in recording.scan]
+        if assumed:
+            reconstruction += f"; not stated, so assumed: {', '.join(assumed)}; center of the images at the isocenter"
     else:
         scan, views, reconstruction = recording.scan, recording.scan["views"], ""
     sides = f"{scan['row_pitch_mm']:g} x {scan['column_pitch_mm']:g} {scan.get('length_unit', 'mm')}"

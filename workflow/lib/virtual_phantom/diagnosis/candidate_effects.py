@@ -29,7 +29,17 @@ from .settings import RecordingSettings
 # {kind of a recording: (test for effects that it does not show, reason)}
 HIDDEN = {
     "projections": (acts_on_images, "acts on images, and projections do not show it"),
-    "images": (lambda name: load(name).pattern, "has one unknown per detector pixel, which images mix"),
+    "images": (
+        lambda name: load(name).pattern and not acts_on_images(name),
+        "has one unknown per detector pixel, which images mix",
+    ),
+}
+
+
+# Effects that a scan of one slice, with its noise as recorded, does not show.
+NOT_IN_SLICES = {
+    "slice_thickness": "acts between slices, and slices of an object are repeats of one slice",
+    "electronic_noise": "acts on noise alone, which images of an object take from the recording",
 }
 
 
@@ -48,6 +58,7 @@ def candidate_conditions(content: Mapping) -> dict:
         "parallel": parallel,
         "scaled": scan.get("length_unit") != ELEMENT,
         "sparse": scan.get("views_per_rotation", math.inf) < math.pi / 2 * scan.get("columns", 0),
+        "stated_times": bool({"rotation_time_ms", "view_interval_ms"} & content.get("scan", {}).keys()),
     }
 
 
@@ -60,6 +71,7 @@ def candidates(
     parallel: bool = False,
     scaled: bool = True,
     sparse: bool = False,
+    stated_times: bool = True,
 ) -> list[str]:
     """Return the effects that a diagnosis tries on a recording.
 
@@ -75,6 +87,8 @@ def candidates(
     sparse : bool, optional
         Whether views are too far apart to interpolate between them: fewer per turn than pi / 2 times the columns (A. C.
         Kak and M. Slaney, Principles of Computerized Tomographic Imaging, 1988, section 5.1).
+    stated_times : bool, optional
+        Whether recording.yaml states them, which counts for images of an object.
 
     Raises
     ------
@@ -83,6 +97,8 @@ def candidates(
         that is not stated.
     """
     hides, why = HIDDEN[kind]
+    of_object = kind == "images" and not settings.of_phantom
+    timed, helical = timed and (stated_times or not of_object), helical and not of_object
     unmet = {
         NOMINAL_PHOTONS: settings.nominal_photons is None,
         SUCCESSIVE_VIEWS: (settings.view_step or 1) % 2 == 0,
@@ -90,6 +106,7 @@ def candidates(
         DIVERGENT_BEAM: parallel,
     }
     hidden = {name: why for name in names() if hides(name)}
+    hidden |= NOT_IN_SLICES if of_object else {}
     hidden |= dict.fromkeys(settings.baseline, "is declared under baseline")
     if settings.simulation is not None and sparse:
         hidden["view_blur"] = (
@@ -165,8 +182,11 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
         where, kind = f"diagnosis.recordings.{name}", recordings[name].content["kind"]
         if kind == "features":
             raise InputError(f"{where}: holds features; name comparisons with it under diagnosis.comparisons")
-        if kind == "images" and settings.protocol is None and not settings.of_unknown:
-            raise InputError(f"{where}: holds images; name the protocol that simulates them as `protocol`")
+        if kind == "images" and settings.of_phantom and settings.protocol is None:
+            raise InputError(
+                f"{where}: holds images; name the scanned object (disc, object), or the protocol that simulates the "
+                "study's phantom (protocol)"
+            )
         if kind == "projections" and settings.protocol is not None:
             raise InputError(f"{where}.protocol: projections have their own geometry; remove this key")
         if not settings.of_unknown:
@@ -180,9 +200,11 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
             raise InputError(
                 f"{where}.simulation: simulated images are not supported; diagnose projections, or remove it"
             )
-        if kind == "images" and not (settings.of_phantom or settings.of_unknown):
-            raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")
-        if kind == "images" and settings.location:
+        if settings.slices is not None and (kind != "images" or settings.of_phantom):
+            raise InputError(f"{where}.slices: are for images of an object; remove this key")
+        if kind == "images" and not settings.of_phantom and settings.protocol is not None:
+            raise InputError(f"{where}.protocol: is for images of the study's phantom; remove it, or disc or object")
+        if kind == "images" and settings.of_phantom and settings.location:
             raise InputError(f"{where}.location: images have their location in the files; shift their affine instead")
         if settings.baseline and other is not None:
             raise InputError(f"{where}: physics_from takes all physics from {other}; take it or baseline out")

@@ -37,6 +37,8 @@ class DiagnosisRequest:
         a homogeneous object.
     protocol : ImageProtocol or None
         None for projections.
+    mirrored : bool
+        Whether images show an object that is constant along z from its other end: their columns are reversed.
     """
 
     folder: str | Path
@@ -48,6 +50,7 @@ class DiagnosisRequest:
     protocol: ImageProtocol | None = None
     threads: int = 1
     energy_kev: float | None = None
+    mirrored: bool = False
 
     def with_energy(self, nominal: Mapping) -> DiagnosisRequest:
         """Return the request with the energy that `nominal` of recording.yaml states; itself if it states none."""

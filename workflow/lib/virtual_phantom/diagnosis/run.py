@@ -20,6 +20,7 @@ from .assumptions import model_assumptions
 from .candidate_effects import require_angles
 from .comparison.regions import ScannedVolume
 from .comparison.relevance import judge_relevance
+from .images.scan import with_scan
 from .preparation import compare_images, prepare_recording
 from .request import DiagnosisRequest
 from .residuals.dataset import Change, Prepared
@@ -109,6 +110,8 @@ def run_diagnosis(
     stated_location = request.settings.location
     if setup is not None:
         request = request.located(setup.content["location"])
+    if recording.kind == "images":
+        request = with_scan(replace(request, mirrored=getattr(setup, "mirrored", False)), recording)
     cache, progress = start_of_fits(request, recording) if start_of_fits else (None, DiagnosisProgress())
     _, prepared = prepare_recording(request, recording)
     if physics is not None:

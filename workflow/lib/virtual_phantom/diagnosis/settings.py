@@ -93,7 +93,9 @@ class RecordingSettings:
     protocol : str or None
         Name of the protocol that simulates a recording of images.
     location : mapping of str to float
-        Object location by axis (fitting.nuisance.LOCATION), mm from the isocenter; 0 if not stated.
+        Object location (fitting.nuisance.PLACE), mm from the isocenter and degrees; 0 if not stated.
+    slices : tuple of 2 int or None
+        First and last slice of images that show the object, from 0; None: the central ones.
     check_setup : bool
         Whether the set-up of the scan is checked first.
     object_may_differ : bool or float
@@ -116,6 +118,7 @@ class RecordingSettings:
     simulation_energy_kev: float | None = None
     protocol: str | None = None
     location: dict[str, float] = field(default_factory=dict)
+    slices: tuple[int, ...] | None = None
     check_setup: bool = False
     object_may_differ: bool | float = False
     baseline: Baseline = field(default_factory=dict)

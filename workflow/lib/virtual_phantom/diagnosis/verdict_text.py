@@ -91,7 +91,8 @@ def recording_lines(content: Mapping, stated: Mapping[str, float] | None = None)
         Object location in the configuration, mm by axis.
     """
     below = content.get("practice", {}).get("small", [])
-    named = [effect for effect in content["effects"] if effect["name"] not in below]
+    at_bounds = content.get("at_bounds", [])
+    named = [effect for effect in content["effects"] if effect["name"] not in (*below, *at_bounds)]
     return [
         _line("Not determined", content.get("not_determined", "")),
         _conclusion(content, named),
@@ -124,6 +125,8 @@ def _conclusion(content: Mapping, named: Sequence[Mapping]) -> VerdictLine:
         text = "none; a declared value contradicts the data"
     else:
         text = "unknown; no effect of Virtual Phantom explains the difference"
+        if content.get("at_bounds"):
+            text += f"; {enumerated(list(map(effect_name, content['at_bounds'])))} fits best, at the end of its range"
     return VerdictLine("Missing physics", text)
 
 
@@ -241,8 +244,14 @@ def _location(content: Mapping, stated: Mapping[str, float]) -> VerdictLine | No
         name: round(content["alignment"][name]["value"], LOCATION_DIGITS) if value else value
         for name, value in location.items()
     }
-    distance = math.dist(location.values(), [stated.get(name, 0.0) for name in location])
+    axes = [name for name in location if name != "turn_deg"]
+    distance = math.dist([location[name] for name in axes], [stated.get(name, 0.0) for name in axes])
     where = "its stated location" if any(stated.values()) else "the isocenter"
+    if "turn_deg" in location:  # images, which are always registered
+        turn = content["alignment"]["turn_deg"]["value"]
+        ends = ", seen from its other end" if content["setup"].get("mirrored") else ""
+        text = f"registered {distance:.3g} mm off {where}, turned by {turn:.2g} degrees{ends}"
+        return VerdictLine("Object location", text, rank=4)
     line = ", ".join(f"{name}: {value:g}" for name, value in location.items() if value or stated.get(name))
     key = f"diagnosis.recordings.{content['recording']}.location"
     return VerdictLine("Object location", f"{distance:.3g} mm off {where}; set {key}: {{{line}}}", rank=1)

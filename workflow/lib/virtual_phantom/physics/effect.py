@@ -182,7 +182,8 @@ class Effect:
     beside : str or None
         Effect that must be present: without it, this effect does nothing or cannot be distinguished from it.
     rank : int
-        Order of image effects: 0 for sharpness, 1 for HU values. Effects of the same rank are sorted by name.
+        Order of image effects: -1 for artifacts of projections, 0 for sharpness, 1 for HU values. Effects of the same
+        rank are sorted by name.
     needs : tuple of str
         Conditions that a scan must fulfill for the effect to be fitted: keys of NEEDS.
     of_one_scan : bool

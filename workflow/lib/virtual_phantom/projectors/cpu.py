@@ -172,6 +172,8 @@ class CpuProjector:
         """
         volume = self.empty_volume()
         nz, ny, nx = self.grid.shape
+        if nz == rays.geometry.rows == rays.levels == 1 and rays.periodic:
+            return self._back_plane(projections, rays, volume)
         seen = np.zeros((ny, nx, nz), dtype=np.float32)
         orbit, views = rays.geometry, rays.levels * -(-len(rays.angles_rad) // rays.half_turn)
         scan = parallel.ParallelScan(
@@ -206,6 +208,32 @@ class CpuProjector:
 
         run_in_threads(run, ny, self.threads)
         volume[1:-1, 1:-1, 1:-1] *= (seen == rays.half_turn)[..., None] / np.float32(rays.half_turn)
+        return volume
+
+    def _back_plane(self, projections: np.ndarray, rays, volume: np.ndarray) -> np.ndarray:
+        """Return `back_parallel` of one slice of whole turns, in which every direction is seen."""
+        _, ny, nx = self.grid.shape
+        _, y_mm, x_mm = self.grid.axes_mm()
+        pitch = rays.t_pitch_mm
+        count, half = len(rays.angles_rad), rays.half_turn
+        # Rays of opposite directions coincide if the detector is centered.
+        folded = count == 2 * half and abs(rays.t_mm[0] + rays.t_mm[-1]) < 1e-6 * pitch
+        angles = tuple(
+            wave(rays.angles_rad[: half if folded else count]).astype(np.float32) for wave in (np.sin, np.cos)
+        )
+        begin = (1 - rays.t_mm[0] / pitch, (x_mm[0] + self.centre_mm[0]) / pitch, (y_mm[0] + self.centre_mm[1]) / pitch)
+        steps = [np.float32(step / pitch) for step in self.grid.spacing[:0:-1]]
+        for lane in range(projections.shape[-1]):
+            image = np.zeros((ny, nx), np.float32)
+            samples = np.ascontiguousarray(projections[:, :, 1, lane])
+            if folded:
+                samples = samples[:half] + samples[half:, ::-1]
+
+            def run(first, last, image=image, samples=samples):
+                parallel.back_project_plane(image, samples, *angles, tuple(map(np.float32, begin)), *steps, first, last)
+
+            run_in_threads(run, ny, self.threads)
+            volume[1:-1, 1:-1, 1, lane] = image / np.float32(count)
         return volume
 
     def _start(self, views: slice) -> int:

@@ -182,3 +182,30 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, work
                                 volume, voxel, projections, at[i], at[i] + step, rows + 2, near[i],
                                 np.float32(1.0) - near[i], height[i], slope[i], start, stop, shares[i], line, lanes,
                             )  # fmt: skip
+
+
+@compiled(**OPTIONS)
+def back_project_plane(image, projections, sine, cosine, across_0, across_x, across_y, first_y, last_y):
+    """Add parallel projections of one slice to rows first_y to last_y - 1 of an image, interpolated linearly.
+
+    Parameters
+    ----------
+    image : ndarray of float32, shape (y, x)
+    projections : ndarray of float32, shape (angles, t)
+    sine, cosine : ndarray of float32, shape (angles,)
+    across_0, across_x, across_y : float
+        Sample of the voxel (0, 0) is across_0 + cosine x0 + sine y0; steps along x and y are in samples.
+    """
+    columns = image.shape[1]
+    last = np.float32(projections.shape[1] - 1.001)
+    (start, x_0, y_0), (x_step, y_step) = across_0, (across_x, across_y)
+    for y in range(first_y, last_y):
+        row = image[y]
+        for angle in range(len(sine)):
+            values, c = projections[angle], cosine[angle] * x_step
+            begin = start + cosine[angle] * x_0 + sine[angle] * (y_0 + np.float32(y) * y_step)
+            for x in range(columns):
+                across = min(max(begin + np.float32(x) * c, np.float32(0.0)), last)
+                j = int(across)
+                right = across - np.float32(j)
+                row[x] += values[j] * (np.float32(1.0) - right) + values[j + 1] * right

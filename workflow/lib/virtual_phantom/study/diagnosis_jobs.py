@@ -33,6 +33,8 @@ from .costs.limits import UNKNOWN_MINUTES, diagnosis_minutes
 from .recordings import Recordings
 
 FIT_CACHE = "fits"  # folder of cached fits, next to diagnosis.json
+# Views, rows and columns of the largest scan of one slice that simulates images of an object (images.scan).
+SCAN_OF_IMAGES = (900, 1, 480)
 READ_BYTES = 35  # memory per ray of a recording (measured: 33, for a clinical rotation of 56 million rays)
 DEFAULT_CORES = 2  # of a diagnosis if the number of available cores is not known
 
@@ -225,7 +227,7 @@ class Diagnosis:
 
     def next_measurements(self) -> list[str]:
         """Return the rankings of further measurements: for recordings of projections, and for their scanners."""
-        of_projections = [name for name, settings in self.settings.items() if settings.protocol is None]
+        of_projections = [name for name in self.settings if self.recordings.content(name)["kind"] == "projections"]
         scanners = [name for name, scanner in self.scanners.items() if set(scanner.recordings) <= set(of_projections)]
         return [self.files("next_measurement", recording=name) for name in of_projections if self.candidates[name]] + [
             self.files("scanner_next_measurement", scanner=name) for name in scanners
@@ -341,13 +343,18 @@ class Diagnosis:
         Returns
         -------
         Extent or None
-            None if the cost is not known: for images, for physics from another recording, and if a file cannot be
-            read, which the job reports.
+            None if the cost is not known: for images of the study's phantom, for physics from another recording, and
+            if a file cannot be read, which the job reports.
         """
         settings, content = self.settings[name], self.recordings.content(name)
-        if settings.protocol is not None or not self.candidates[name] or missing_for_geometry(content["scan"]):
+        if settings.protocol is not None or not self.candidates[name]:
             return None
-        shape = tuple(content["scan"][key] for key in ("views", "rows", "columns"))
+        if content["kind"] == "images":
+            shape = SCAN_OF_IMAGES
+        elif missing_for_geometry(content["scan"]):
+            return None
+        else:
+            shape = tuple(content["scan"][key] for key in ("views", "rows", "columns"))
         study = self.plan.study
         voxels = [study.grid.oversampling * count for count in study.grid.shape]
         phantom = voxels, diagnoses.material_count(study.materials)
@@ -406,6 +413,8 @@ class Diagnosis:
             return self.recordings.megabytes(name)
         if protocol:
             shape, view_step = (protocol.projections, protocol.scan.rows, protocol.scan.columns), 1
+        elif self.recordings.content(name)["kind"] == "images":
+            shape, view_step = SCAN_OF_IMAGES, 1
         else:
             scan, view_step = self.recordings.content(name)["scan"], settings.view_step
             shape = scan["views"], scan["rows"], scan["columns"]

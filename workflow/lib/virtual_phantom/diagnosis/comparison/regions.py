@@ -84,9 +84,8 @@ class ScannedVolume:
             return cls.of_simulation(simulated_scene(request, recording))
         if isinstance(settings.object, ShapesObject):
             shaped = shaped_object(settings.object)
-            return cls.of_shapes(
-                shaped if shape_rois else replace(shaped, rois=()), recording.geometry, mu_water_per_mm
-            )
+            geometry = recording.geometry if request.protocol is None else request.protocol.geometry
+            return cls.of_shapes(shaped if shape_rois else replace(shaped, rois=()), geometry, mu_water_per_mm)
         if isinstance(settings.object, LabelledObject):
             return cls.of_labels(labelled_object(settings.object), mu_water_per_mm)
         if settings.object is not None:
@@ -149,6 +148,8 @@ class ScannedVolume:
         shares = shape_shares(shaped.shapes, grid)
         masks = {roi.name: roi_mask(roi, shares[shaped.names.index(roi.shape)], grid) for roi in shaped.rois}
         rois = {name: mask for name, mask in masks.items() if mask.any()}
+        if geometry.rows == 1:  # one slice, at any height
+            grid = Grid(grid.shape, (PRISM_MM, voxel, voxel))
         return cls(Volume(shapes_to_hu(shaped, shares, mu_water_per_mm), grid), rois, grid)
 
     @property

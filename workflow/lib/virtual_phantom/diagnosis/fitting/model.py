@@ -24,7 +24,7 @@ from ...physics.effect import (
 )
 from ..noise.condensed import Observed, Prediction
 from .linearization import BASE, Linearization, LinearizationPoint, before_images
-from .nuisance import LOCATION, SURE, Nuisance, pose_of
+from .nuisance import PLACE, SURE, Nuisance, pose_of
 from .priors import Label, Statement
 from .unknown import Unknown
 
@@ -123,7 +123,7 @@ class Model(ABC):
     @property
     def nominal(self) -> Linearization:
         """Linearization before anything is fitted: BASE, or the object at its expected position."""
-        place = {number.name: number.expected for number in self.base_nuisances if number.name in LOCATION}
+        place = {number.name: number.expected for number in self.base_nuisances if number.name in PLACE}
         if not any(place.values()):
             return BASE
         return Linearization(LinearizationPoint({}, place), LinearizationPoint({}, place))

@@ -57,7 +57,7 @@ def nuisances(
     numerical : iterable of str, optional
         Names of the model's numerical errors, keys of NUMERICAL.
     location : mapping of str to float, optional
-        Expected position of the object along the axes of LOCATION, mm; 0 along axes that are not stated.
+        Expected position of the object, names of PLACE; 0 for names that are not stated.
     """
     defaults = {
         "scale": ("1", 1.0, 0.005),  # of the line integrals: density of the material
@@ -68,7 +68,7 @@ def nuisances(
         "turn_deg": ("degrees", 0.0, 0.5),
     }
     for name, value in (location or {}).items():
-        defaults[name] = ("mm", value, defaults[name][2])
+        defaults[name] = (defaults[name][0], value, defaults[name][2])
     if "size" in known:  # of the object; an image states the size of its voxels
         defaults["size"] = ("1", 1.0, known["size"])
     defaults |= {name: ("1", *NUMERICAL[name]) for name in numerical}

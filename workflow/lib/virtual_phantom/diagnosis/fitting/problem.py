@@ -9,7 +9,6 @@ from itertools import product
 import numpy as np
 
 from ...physics.effect import FOCAL_SPOT, GEOMETRY, MOTION, load
-from ..noise import gain_pattern
 from ..noise.condensed import Observed
 from .linearization import LinearizationPoint
 from .nuisance import POSES, SURE, Nuisance
@@ -56,7 +55,7 @@ class Problem:
         Means of the Gaussian priors, and their inverse variances (0: no prior).
     steps : ndarray, shape (numbers,)
         Steps of finite differences.
-    pattern : ndarray, shape (rows, columns), or None
+    pattern : ndarray, shape (rows, columns) or (slices, rings), or None
         Gain pattern that is subtracted from residuals.
     """
 
@@ -235,7 +234,7 @@ class Problem:
         if not self.patterned:
             return residuals
         shape, weight = self.data.mean.shape, self.weights[0]
-        self.estimated = gain_pattern.estimate(residuals[0].reshape(shape), weight.reshape(shape), self.data.whitening)
+        self.estimated = self.data.pattern(residuals[0].reshape(shape), weight.reshape(shape))
         self.pattern = self.estimated.values
         return less_pattern(residuals, self.pattern, self.data)
 
@@ -299,5 +298,5 @@ def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Obse
     """Subtract a gain pattern, if there is one, from the mean's residuals."""
     if pattern is None:
         return parts
-    mean = parts[0].reshape(data.mean.shape) - data.whitened(np.where(data.usable, pattern, 0))
+    mean = parts[0].reshape(data.mean.shape) - data.whitened(np.where(data.usable, data.pattern_field(pattern), 0))
     return [mean.ravel(), *parts[1:]]

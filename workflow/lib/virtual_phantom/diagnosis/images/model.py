@@ -11,7 +11,7 @@ from ...base.lru_cache import LRUCache
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
-from ...physics.effect import absolute_attenuation, acts_on_images
+from ...physics.effect import absolute_attenuation, acts_on_images, load
 from ...physics.state import State
 from ...simulation.reconstruct import apply_image_effects
 from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
@@ -53,6 +53,8 @@ class ImagesModel(Model):
         super().__init__(chain, nuisances, **settings)
         self.reconstruct, self.spacing_mm, self._seed = reconstruct, spacing_mm, seed
         self.condenser: Condenser | None = None
+        self.correction: np.ndarray | float = 0.0  # HU, of the error of finite pixels and voxels
+        self.recorded_noise: np.ndarray | None = None  # HU, shape (repeats, z, y, x)
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
     def nuisances_for(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
@@ -67,12 +69,16 @@ class ImagesModel(Model):
     def predict(self, physics, nuisance, data: ObservedImages, linearization: Linearization = BASE) -> Prediction:
         """Predict the data for effects and alignment; `mean` is whitened."""
         white = self.condenser.white
-        mean, noise = self.images(physics, nuisance, linearization)
+        mean = self.mean_image(physics, nuisance, linearization)
+        design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
+        whitened = white(scaled(mean, nuisance))
+        if data.variance is None:
+            return Prediction(whitened, np.empty(0), None, design)
+        noise = self.noise_images(physics, nuisance, linearization)
         statistics = self.condenser.noise(nuisance["scale"] * noise)
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(statistics.variance)
-        design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
-        return Prediction(white(scaled(mean, nuisance)), log_variance, statistics.correlation, design)
+        return Prediction(whitened, log_variance, statistics.correlation, design)
 
     def needs_relinearization(
         self, errors: LinearizationPoint, nuisance: Mapping[str, float], prediction, weights
@@ -83,27 +89,40 @@ class ImagesModel(Model):
         return bool((np.abs(moved) > self.spacing_mm).any())
 
     def repeats(self, physics, nuisance, linearization: Linearization, count: int) -> np.ndarray:
-        """Return at most REALIZATIONS simulated images of a repeated scan, HU, shape (count, z, y, x)."""
-        mean, noise = self.images(physics, nuisance, linearization)
+        """Return simulated images of a repeated scan, HU, shape (count, z, y, x).
+
+        Noise is recorded (`recorded_noise`) or simulated, for at most REALIZATIONS images.
+        """
+        mean, noise = self.mean_image(physics, nuisance, linearization), self.recorded_noise
+        if noise is not None:
+            return scaled(mean, nuisance) + noise[-count:]  # of the held-out slices
+        noise = self.noise_images(physics, nuisance, linearization)
         return scaled(mean + noise[:count], nuisance)
 
     def images(self, physics, nuisance, linearization: Linearization = BASE) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean and noise of images before scale and offset; arguments as in `predict`.
+        """Return `mean_image` and `noise_images`."""
+        arguments = physics, nuisance, linearization
+        return self.mean_image(*arguments), self.noise_images(*arguments)
 
-        Returns
-        -------
-        mean : ndarray, shape (z, y, x)
-        noise : ndarray, shape (realizations, z, y, x)
-            HU; for the object location in the linearization's `errors`.
-        """
-        on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
-        before, photons = before_images(physics), float(np.exp(nuisance["log_photons"]))
-        settings = LinearizationPoint(before).key, photons
-        here, rays, errors = pose_of(nuisance), linearization.rays, linearization.errors
+    def mean_image(self, physics, nuisance, linearization: Linearization = BASE) -> np.ndarray:
+        """Return the image without noise, before scale and offset, HU, shape (z, y, x); arguments as in `predict`."""
+        before, settings, photons = self._before(physics, nuisance)
+        here, rays = pose_of(nuisance), linearization.rays
 
         def mean() -> np.ndarray:
             state = self.linearized_at(rays).state(before, here, photons=photons, anode=self.anode)
-            return self.reconstruct((state.line_integrals() + state.log_noise()[0])[None])[0]
+            return self.reconstruct((state.line_integrals() + state.log_noise()[0])[None])[0] + self.correction
+
+        image = self._means.get((settings, here, rays.key), mean)
+        return apply_image_effects(image, self.spacing_mm, self._on_images(physics))
+
+    def noise_images(self, physics, nuisance, linearization: Linearization = BASE) -> np.ndarray:
+        """Return noise before scale and offset, HU, for the object location in the linearization's `errors`.
+
+        The shape is (realizations, z, y, x).
+        """
+        before, settings, photons = self._before(physics, nuisance)
+        errors = linearization.errors
 
         def noise() -> np.ndarray:
             state = self.linearized_at(errors).state(
@@ -111,15 +130,23 @@ class ImagesModel(Model):
             )
             return self.reconstruct(noise_lines(state, REALIZATIONS, self._seed)) - HU_AIR
 
-        image = self._means.get((settings, here, rays.key), mean)
         realizations = self._noises.get((settings, errors.key), noise)
+        on_images = self._on_images(physics)
         if not on_images:
-            return image, realizations
-        zero = apply_image_effects(np.zeros_like(image), self.spacing_mm, on_images)
-        changed = np.stack(
+            return realizations
+        zero = apply_image_effects(np.zeros_like(realizations[0]), self.spacing_mm, on_images)
+        return np.stack(
             [apply_image_effects(realization, self.spacing_mm, on_images) - zero for realization in realizations]
         )
-        return apply_image_effects(image, self.spacing_mm, on_images), changed
+
+    def _before(self, physics, nuisance) -> tuple[dict, tuple, float]:
+        """Return the effects that act before the reconstruction, their cache key, and the photons."""
+        before, photons = before_images(physics), float(np.exp(nuisance["log_photons"]))
+        return before, (LinearizationPoint(before).key, photons), photons
+
+    @staticmethod
+    def _on_images(physics) -> dict:
+        return {key: values for key, values in physics.items() if acts_on_images(key) and not load(key).pattern}
 
 
 def scaled(hu: np.ndarray, nuisance: Mapping[str, float]) -> np.ndarray:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
+from ...physics.image_state import ImageState
 from ..noise.condensed import Blocks, Observed
+from ..noise.gain_pattern import Pattern, estimate
 from .whitening import ImageWhitening
 
 # Blocks along z, y and x for the variance of the noise. Smaller blocks have few independent voxels.
 PARTS = (2, 4, 4)
 PRIOR = 8  # weight of the common scatter of all blocks, in realizations
+RING_EDGE_HU, RING_EDGE_PX = 50.0, 3  # change of the mean HU of a ring to the next, and rings that it influences
 LAGS = ((0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 2, 0), (1, 0, 0))  # z, y, x, voxels
 
 
@@ -29,11 +33,53 @@ class ObservedImages(Observed):
         Mean over the repeats, HU.
     expected : ndarray, shape (z, y, x), or None
         HU without noise, of the model before fits, to define tissues and edges.
+    white : ImageWhitening or None
+        Transform that made `mean`.
+    rings : ndarray of int, shape (y, x), or None
+        Number of each voxel's ring about the isocenter.
     """
 
     repeats: np.ndarray | None = None
     hu: np.ndarray | None = None
     expected: np.ndarray | None = None
+    white: ImageWhitening | None = None
+    rings: np.ndarray | None = None
+
+    def pattern(self, residual: np.ndarray, weight: np.ndarray) -> Pattern:
+        """Estimate rings in whitened residuals; the RMS is in HU.
+
+        Rings next to an edge of the object about the isocenter are not used: errors of the edge look like rings.
+        """
+        away = self._away_from_edges()
+
+        def sums(values):
+            return self._over_rings(values) * away
+
+        found = estimate(residual, weight, sums=sums)
+        if not found.rms:
+            return found
+        # Over voxels, of the estimates and of their shrinkage; inner rings are stronger and have few voxels.
+        field, variance = (np.where(self.usable, self.pattern_field(of), 0) for of in (found.values, found.variance))
+        shrunk = (field**2).sum() / ((field**2).sum() + variance.sum())
+        rms = float(np.sqrt((self.white.inverse(field)[self.usable] ** 2).mean() / shrunk))
+        return replace(found, rms=rms, error=found.error * rms / found.rms)
+
+    def _over_rings(self, values: np.ndarray) -> np.ndarray:
+        """Return sums over the voxels of every ring, shape (slices, rings)."""
+        return np.stack([np.bincount(self.rings.ravel(), one.ravel()) for one in values])
+
+    def _away_from_edges(self) -> np.ndarray:
+        """Return the rings without an edge of the object along the ring, bool, shape (slices, rings)."""
+        count = np.maximum(self._over_rings(np.ones(self.expected.shape)), 1)
+        mean = self._over_rings(self.expected) / count
+        within = np.sqrt(np.maximum(self._over_rings(self.expected**2) / count - mean**2, 0))
+        change = np.abs(np.diff(mean, axis=1, append=mean[:, -1:]))
+        edge = (change > RING_EDGE_HU) & (change > within)
+        return ~ndimage.binary_dilation(edge, np.ones((1, 2 * RING_EDGE_PX + 1)))
+
+    def pattern_field(self, constants: np.ndarray) -> np.ndarray:
+        """Return the constant of every voxel's ring, shape (z, y, x). A whitened ring consists of rings, too."""
+        return constants[:, self.rings]
 
 
 @dataclass(frozen=True)
@@ -49,17 +95,19 @@ class Condenser:
 
     Parameters
     ----------
-    nulls : ndarray, shape (realizations, z, y, x)
-        Noise, HU, for the scatter of the statistics of one realization.
+    nulls : ndarray, shape (realizations, z, y, x), or None
+        Noise, HU, for the scatter of the statistics of one realization; None: statistics of the noise are not data.
     simulated : int
         Realizations of each prediction, whose scatter adds to the errors.
     expected : ndarray, shape (z, y, x)
         See ObservedImages.
     """
 
-    def __init__(self, white: ImageWhitening, nulls: np.ndarray, simulated: int, expected: np.ndarray):
+    def __init__(self, white: ImageWhitening, nulls: np.ndarray | None, simulated: int, expected: np.ndarray):
         self.white, self.simulated, self.expected = white, simulated, expected
-        self.blocks = Blocks.of(white.sd.shape, PARTS)
+        self.blocks, self._of_noise = Blocks.of(white.sd.shape, PARTS), nulls is not None
+        if nulls is None:
+            return
         self._counts = self.blocks.sum(white.used)
         self._pairs = [_shift_pairs(white.used, lag) for lag in LAGS]
         # Only relative scatter is used, because the noise level of the nulls may differ from the recording.
@@ -83,7 +131,7 @@ class Condenser:
         """
         n, mean = len(repeats), repeats.mean(axis=0, dtype=np.float64)
         statistics = variance_error = correlation_error = None
-        if n > 1:
+        if n > 1 and self._of_noise:
             statistics = self.noise([(repeat - mean) * np.sqrt(n / (n - 1)) for repeat in repeats])
             free = 1 / (n - 1) + 1 / self.simulated
             # Logarithms of sample variances are low by half their relative variance, predicted ones too.
@@ -102,6 +150,8 @@ class Condenser:
             repeats=repeats,
             hu=mean,
             expected=self.expected,
+            white=self.white,
+            rings=ImageState(mean, (1.0, 1.0, 1.0)).rings,
         )
 
     def noise(self, realizations) -> NoiseStatistics:

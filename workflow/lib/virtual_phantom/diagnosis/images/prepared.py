@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import fft, stats
+from scipy import fft, ndimage, stats
 
 from ...base.errors import InputError
 from ...base.streams import Stream
@@ -16,16 +16,19 @@ from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import before_images
-from ..fitting.nuisance import NOMINAL_PHOTONS_SD, nuisances
+from ..fitting.nuisance import NOMINAL_PHOTONS_SD, nuisances, pose_of
 from ..fitting.priors import Statement, stated_physics
 from ..residuals.dataset import Prepared, ResidualMaps
 from ..residuals.residual_tests import DomainTest, HalfResiduals
 from .model import REALIZATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser
 from .residual_maps import domain_tests
-from .whitening import image_whitening, local_variance
+from .whitening import LEAST_POWER, LEAST_POWER_OF_SLICES, image_whitening, local_variance
 
 OFFSET_SD_HU = 1.0  # of the zero of the HU scale
+SIZE_SD = 0.003  # of an object in images: scanners state the size of their voxels this well
+CORRECTION_LEFT = 0.5  # share of the correction for finite pixels and voxels that may be wrong
+EDGE_VOXELS = 1.0  # SD of the average of this error
 RECORDED_NOISE = 3  # repeats from which the noise is estimated from the data; with fewer, by simulation
 FINE = 0.5  # of the highest in-plane frequency, above which noise dominates
 TRIAL_PHOTONS = 1e5  # of simulated noise before it is scaled to the recording
@@ -67,8 +70,11 @@ class PreparedImages(Prepared):
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
         """See Prepared.difference."""
         data = self.held_out if held_out else self.data
-        mean, _ = self.fitter.model.images(fit.physics, fit.nuisance, fit.linearization)
-        return (data.hu - scaled(mean, fit.nuisance))[data.usable]
+        mean = self.fitter.model.mean_image(fit.physics, fit.nuisance, fit.linearization)
+        left = data.hu - scaled(mean, fit.nuisance)
+        if fit.pattern is not None:
+            left -= data.white.inverse(np.where(data.usable, data.pattern_field(fit.pattern), 0))
+        return left[data.usable]
 
 
 def prepare(
@@ -86,6 +92,9 @@ def prepare(
     nominal_photons: float | None = None,
     known: dict[str, float] | None = None,
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
+    location: Mapping[str, float] | None = None,
+    slices_variance: float | None = None,
+    reconstruct_finely: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> PreparedImages:
     """Estimate noise, numerical errors and alignment of a recording.
 
@@ -105,25 +114,34 @@ def prepare(
         Voxels that were reconstructed from complete data.
     seed : Stream
         Random stream of simulated noise.
-    anode, tube_kvp, nominal_photons, known, declared
+    anode, tube_kvp, nominal_photons, known, declared, location
         See projections.prepared.prepare.
+    slices_variance : float, optional
+        If the repeats are slices of an object that is constant along z: factor of their sample variance that accounts
+        for their correlation. Their noise is then only whitened, and not compared with a simulation.
+    reconstruct_finely : callable, optional
+        Like `reconstruct`, for line integrals of the floor chain, with finer voxels that are averaged. The difference
+        of both images then corrects every prediction. None: `reconstruct`, and no correction.
 
     Raises
     ------
     InputError
         If the repeats do not vary.
     """
-    given = {"offset": OFFSET_SD_HU} | (known or {})
+    of_slices = slices_variance is not None
+    given = {"offset": OFFSET_SD_HU} | ({"size": SIZE_SD} if of_slices else {}) | (known or {})
 
     def model(log_photons, sd):
-        aligned = nuisances(log_photons, sd, given)
+        aligned = nuisances(log_photons, sd, given, location=location)
+        if of_slices:  # the same at every height
+            aligned = tuple(number for number in aligned if number.name != "z_mm")
         label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
         return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, **label)
 
     blank = model(np.log(TRIAL_PHOTONS), np.inf)
-    stated = stated_physics(declared or {})
+    stated, place = stated_physics(declared or {}), dict(location or {})
     physics = before_images(stated)
-    expected, simulated = blank.images(stated, {"log_photons": np.log(TRIAL_PHOTONS)})
+    expected, simulated = blank.images(stated, {"log_photons": np.log(TRIAL_PHOTONS)} | place, blank.nominal)
     taken = repeats if further is None else np.concatenate([repeats, further])
     single = len(repeats) == 1
     if len(taken) >= RECORDED_NOISE:
@@ -137,26 +155,46 @@ def prepare(
     if not ratio > 1e-9:
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")
     photons = TRIAL_PHOTONS / ratio
-    finer = reconstruct(floor_chain.state(physics, anode=anode).line_integrals()[None])[0]
-    coarse = reconstruct(chain.state(physics, anode=anode).line_integrals()[None])[0]
-    fitted, held, words, usable = _split(repeats, further, valid)
-    white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1))
+    pose = pose_of(place)
+    finely = reconstruct_finely or reconstruct
+    finer = finely(floor_chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
+    coarse = reconstruct(chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
+    recorded_noise = taken - taken.mean(axis=0)
+    if of_slices:
+        noise = noise * np.sqrt(slices_variance)
+    fitted, held, words, usable = _split(repeats, further, valid, of_slices)
+    least = LEAST_POWER_OF_SLICES if of_slices else LEAST_POWER
+    white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1), least)
     log_photons = np.log(nominal_photons or photons)
-    # The noise of a single fitted repeat is not fitted, so the photons need a prior.
-    final = model(log_photons, NOMINAL_PHOTONS_SD if nominal_photons or len(fitted) == 1 else np.inf)
-    state = chain.state(physics, photons=photons, anode=anode)
-    batches = (reconstruct(noise_lines(state, REALIZATIONS, branch)) for branch in seed.spawn(NULLS))
-    nulls = np.concatenate([batch - HU_AIR for batch in batches])
-    final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
+    # Noise that is not fitted does not determine the photons, so they need a prior.
+    stays = nominal_photons or len(fitted) == 1 or of_slices
+    final = model(log_photons, NOMINAL_PHOTONS_SD if stays else np.inf)
+    if of_slices:
+        final.recorded_noise, nulls = recorded_noise, noise
+        if reconstruct_finely is not None:
+            final.correction = finer - coarse
+            expected = expected + final.correction
+        final.condenser = Condenser(white, None, REALIZATIONS, expected)
+    else:
+        state = chain.state(physics, pose, photons=photons, anode=anode)
+        batches = (reconstruct(noise_lines(state, REALIZATIONS, branch)) for branch in seed.spawn(NULLS))
+        nulls = np.concatenate([batch - HU_AIR for batch in batches])
+        final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
     data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
-    fitter = Fitter(final, data, held_out, local_variance(white, nulls), np.zeros(expected.shape))
+    # The correction is exact for one set of parameters; a part of it remains at edges that effects change.
+    floor = CORRECTION_LEFT * np.abs(white(np.broadcast_to(final.correction, expected.shape)))
+    floor = np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
+    fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
     return PreparedImages(fitter, data, held_out, white.sd**2, words, single, photons)
 
 
-def _split(repeats, further, valid):
+def _split(repeats, further, valid, of_slices=False):
     """Return fitted and held-out repeats, a description of the held-out part, and the voxels that count in each."""
     if further is not None:
         return repeats, further, "repeats kept for it", (valid, valid)
+    if of_slices:  # neighboring slices have correlated noise
+        middle = len(repeats) // 2
+        return repeats[:middle], repeats[middle:], "the upper half of the slices", (valid, valid)
     if len(repeats) > 1:
         return repeats[0::2], repeats[1::2], "every second repeat", (valid, valid)
     upper = np.zeros(valid.shape, bool)

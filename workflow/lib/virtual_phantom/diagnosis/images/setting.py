@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy import ndimage
+from skimage.measure import block_reduce
 
 from ...base.errors import InputError
-from ...base.geometry import Grid
+from ...base.geometry import Grid, ImageProtocol, OrbitGeometry
 from ...base.streams import Branch, branch
+from ...physics.chain import Chain
 from ...physics.state import AIR
 from ...reconstruction.images import reconstruct_hu
 from ...recordings.images import ImagesRecording
@@ -25,13 +29,19 @@ from ..selection.forward_selection import Choice
 from ..workload import samples_for
 from .model import REALIZATIONS
 from .prepared import PreparedImages, prepare
+from .scan import MARGIN_MM, MOST_SLICES, finer_scan, imaged_object
 
-MOST_SLICES = 24  # more slices add run time and little information
+FINER = 2  # pixels, views and voxels of the images that show the error of finite ones
+CUT_OFF = 2  # voxels next to constant air that are excluded
+LEAST_INDEPENDENT = 4  # slices with independent noise
+LEAST_CORRELATED = 0.03  # correlation of the noise of slices below which it is estimation noise
 LEAST_SLICES = 4  # fewer do not show noise correlation along z, and cannot be split for a single repeat
 
 
 def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nominal: NominalSettings) -> PreparedImages:
-    """Prepare the central slices of a recording for fits. The center of the images is assumed to be the isocenter.
+    """Prepare the slices of a recording for fits. The center of the images is assumed to be the isocenter.
+
+    Slices of an object that is constant along z become repeats of one slice.
 
     Raises
     ------
@@ -39,45 +49,147 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         If too few slices are seen from all directions.
     """
     protocol, settings = request.protocol, request.settings
-    scene = scene_of(request)
-    samples = samples_for(settings.samples, settings.of_shapes, protocol.geometry.shape)
-    chains = model_and_floor(scene, protocol.geometry, samples, sensor=nominal.sensor, readout=AIR)
+    scene, geometry = scene_of(request), protocol.geometry
+    # The pixels of images of an object are small (scan.PIXEL_OVER_VOXEL).
+    samples = samples_for(settings.samples, settings.of_shapes and settings.of_phantom, geometry.shape)
+    detector = {"sensor": nominal.sensor, "readout": AIR}
+    chains = model_and_floor(scene, geometry, samples, **detector)
+    imaged = None if settings.of_phantom else imaged_object(request, recording.grid)
+    of_slices = imaged is not None and imaged.prism
+    if of_slices:
+        chains = chains[0], Chain(scene, finer_scan(protocol, FINER).geometry, samples=samples, **detector)
     whole = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
-    valid = complete(protocol.geometry, whole)
-    slices = central_slices(valid)
-    grid = Grid((slices.stop - slices.start, *whole.shape[1:]), whole.spacing)
+    binned, box = 1, (slice(None), slice(None))
+    if imaged is None:
+        valid = complete(geometry, whole)
+        slices = central_slices(valid)
+    else:
+        slices, binned, box = imaged.slices, imaged.binned, imaged.window
+        count = 1 if of_slices else slices.stop - slices.start
+        sides = ((part.stop - part.start) // binned for part in box)
+        whole = Grid((count, *sides), (whole.spacing[0], *(binned * step for step in whole.spacing[1:])))
+        seen = within_field_of_view(geometry, whole) if of_slices else complete(geometry, whole)
+        valid = seen & around(whole, imaged.radius_mm, settings.location)
+    shown = slice(None) if imaged is not None else slices
+    grid = Grid((valid[shown].shape[0], *whole.shape[1:]), whole.spacing)
     # Iterative reconstruction needs the whole object; filtered back-projection reconstructs slice by slice.
-    made, shown = (grid, slice(None)) if protocol.algorithm == "fbp" else (whole, slices)
+    made, shown_of_made = (grid, slice(None)) if protocol.algorithm == "fbp" else (whole, shown)
 
     def reconstruct(lines: np.ndarray) -> np.ndarray:
-        return reconstruct_hu(
-            lines.astype(np.float32),
-            protocol.geometry,
-            made,
-            protocol.algorithm,
-            protocol.settings,
-            protocol.engine,
-            request.mu_water_per_mm,
-            request.threads,
-        )[:, shown]
+        return _reconstructed(protocol, request, lines, geometry, made)[:, shown_of_made]
+
+    def reconstruct_finely(lines: np.ndarray) -> np.ndarray:
+        fine = Grid(
+            (1, *(FINER * n for n in made.shape[1:])), (made.spacing[0], *(step / FINER for step in made.spacing[1:]))
+        )
+        images = _reconstructed(finer_scan(protocol, FINER), request, lines, chains[1].geometry, fine)
+        return block_reduce(images, (1, 1, FINER, FINER), np.mean)
 
     def arrays(repeats):
-        return np.stack([repeat.array[slices] for repeat in repeats]).astype(np.float32) if len(repeats) else None
+        if not len(repeats):
+            return None
+        found = np.stack([repeat.array[slices, *box] for repeat in repeats])
+        found = block_reduce(found, (1, 1, binned, binned), np.mean).astype(np.float32)
+        if request.mirrored:
+            found = found[..., ::-1]
+        return found
+
+    repeats, further, slices_variance = arrays(recording.repeats), arrays(recording.held_out), None
+    if of_slices:
+        # Scanners set air to one value; edges next to such voxels are cut off, too.
+        valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
+        slices_variance = correlated_variance(repeats, valid[0])
+        repeats, further = (None if stacks is None else slices_as_repeats(stacks) for stacks in (repeats, further))
 
     return prepare(
-        arrays(recording.repeats),
-        arrays(recording.held_out),
+        repeats,
+        further,
         *chains,
         reconstruct,
         grid.spacing,
-        valid[slices],
+        valid[shown],
         branch(request.seed, Branch.SIMULATED_IMAGES),
         anode=nominal.anode,
         tube_kvp=nominal.tube_kvp,
         nominal_photons=settings.nominal_photons,
         known=settings.alignment,
         declared=declared(settings.baseline, BASELINE_CONFIG_KEY),
+        location=settings.location,
+        slices_variance=slices_variance,
+        reconstruct_finely=reconstruct_finely if of_slices else None,
     )
+
+
+def _reconstructed(
+    protocol: ImageProtocol, request: DiagnosisRequest, lines: np.ndarray, geometry: OrbitGeometry, grid: Grid
+) -> np.ndarray:
+    return reconstruct_hu(
+        lines.astype(np.float32),
+        geometry,
+        grid,
+        protocol.algorithm,
+        protocol.settings,
+        protocol.engine,
+        request.mu_water_per_mm,
+        request.threads,
+    )
+
+
+def within_field_of_view(geometry: OrbitGeometry, grid: Grid) -> np.ndarray:
+    """Return the voxels of one slice that are in the fan of every view, bool, shape (z, y, x)."""
+    _, y, x = grid.axes_mm()
+    radius = geometry.field_of_view_radius_mm - grid.spacing[1]
+    return np.broadcast_to(np.hypot(y[:, None], x) < radius, grid.shape)
+
+
+def around(grid: Grid, radius_mm: float, location: Mapping[str, float]) -> np.ndarray:
+    """Return the voxels of an object and its surroundings, bool, shape (z, y, x)."""
+    _, y, x = grid.axes_mm()
+    y, x = y - location.get("y_mm", 0.0), x - location.get("x_mm", 0.0)
+    return np.broadcast_to(np.hypot(y[:, None], x) < radius_mm + MARGIN_MM, grid.shape)
+
+
+def slices_as_repeats(stacks: np.ndarray) -> np.ndarray:
+    """Return slices as repeats of one slice, in order of z: from (repeats, z, y, x) to (z x repeats, 1, y, x)."""
+    return np.moveaxis(stacks, 0, 1).reshape(-1, 1, *stacks.shape[2:])
+
+
+def correlated_variance(stacks: np.ndarray, valid: np.ndarray) -> float:
+    """Return the variance of a mean of slices, times their number, over the mean sample variance of the slices.
+
+    Noise of neighboring slices is correlated, so their mean has more noise than that of independent slices, and their
+    sample variance is too small. The correlation is estimated from differences of slices (a variogram), and of
+    neighboring voxels, so that slow changes of the object have no influence.
+
+    Parameters
+    ----------
+    stacks : ndarray, shape (repeats, z, y, x)
+        HU.
+    valid : ndarray of bool, shape (y, x)
+
+    Raises
+    ------
+    InputError
+        If there are fewer than LEAST_INDEPENDENT independent slices.
+    """
+    fine = np.diff(stacks, axis=3)[..., valid[:, 1:] & valid[:, :-1]]
+    count = fine.shape[1]
+    lags = range(1, max(2, count // 2 + 1))
+    half_squares = [float(np.mean((fine[:, lag:] - fine[:, :-lag]) ** 2)) / 2 for lag in lags] if count > 1 else [0.0]
+    plateau = float(np.mean(half_squares[len(half_squares) // 2 :]))
+    correlation = 0.0
+    for half_square in half_squares:
+        if not half_square < plateau * (1 - LEAST_CORRELATED):
+            break
+        correlation += 1 - half_square / plateau
+    together = 1 + 2 * correlation
+    if count * len(stacks) / together < LEAST_INDEPENDENT:
+        raise InputError(
+            f"recording: {count} slices, of which {count * len(stacks) / together:.2g} have independent noise; a "
+            f"diagnosis of images needs {LEAST_INDEPENDENT}: give more slices that show the object "
+            "(diagnosis.recordings: slices), or more repeats"
+        )
+    return plateau * together / float(fine.var(axis=1, ddof=1).mean())
 
 
 def central_slices(valid: np.ndarray) -> slice:

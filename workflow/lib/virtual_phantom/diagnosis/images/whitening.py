@@ -19,6 +19,7 @@ from scipy import fft, ndimage
 SMOOTH_VOXELS = (1.0, 3.0, 3.0)  # SD of the average of the noise variance, which changes slowly
 SMOOTH_BINS = 1.5  # SD of the average of the noise power, in frequencies
 LEAST_POWER = 1e-4  # of the mean, as numerical errors dominate at frequencies without noise
+LEAST_POWER_OF_SLICES = 1e-2  # of real images, in which rounding and edges that differ dominate there
 
 
 @dataclass(frozen=True)
@@ -45,12 +46,18 @@ class ImageWhitening:
         """Whiten an image, shape (z, y, x): HU to standard deviations."""
         return fft.irfftn(fft.rfftn(self.over_sd(image)) / np.sqrt(self.power), self.sd.shape)
 
+    def inverse(self, white: np.ndarray) -> np.ndarray:
+        """Undo the whitening of a field, shape (z, y, x): standard deviations to HU."""
+        return fft.irfftn(fft.rfftn(white) * np.sqrt(self.power), self.sd.shape) * self.sd
+
     def over_sd(self, image: np.ndarray) -> np.ndarray:
         """Return an image over the SD of its noise, shape (z, y, x), 0 where voxels do not count."""
         return np.where(self.used, image / np.where(self.used, self.sd, 1), 0)
 
 
-def image_whitening(noise: np.ndarray, used: np.ndarray, floor: np.ndarray, repeats: int) -> ImageWhitening:
+def image_whitening(
+    noise: np.ndarray, used: np.ndarray, floor: np.ndarray, repeats: int, least: float = LEAST_POWER
+) -> ImageWhitening:
     """Return the whitening of realizations of noise.
 
     Parameters
@@ -62,6 +69,8 @@ def image_whitening(noise: np.ndarray, used: np.ndarray, floor: np.ndarray, repe
         Numerical error of the prediction, HU, which does not depend on the number of repeats.
     repeats : int
         Number of repeats of the compared mean.
+    least : float, optional
+        Smallest noise power over its mean.
     """
     cover = np.maximum(ndimage.gaussian_filter(used.astype(float), SMOOTH_VOXELS), 1e-6)
     square = np.where(used, (noise.astype(np.float64) ** 2).mean(axis=0), 0)
@@ -71,7 +80,7 @@ def image_whitening(noise: np.ndarray, used: np.ndarray, floor: np.ndarray, repe
     power = sum(np.abs(fft.rfftn(bare.over_sd(realization))) ** 2 for realization in noise) / (
         len(noise) * bare.used.sum()
     )
-    power = np.maximum(_smooth(power), LEAST_POWER)
+    power = np.maximum(_smooth(power), least)
     floor_power = _smooth(np.abs(fft.rfftn(bare.over_sd(floor))) ** 2 / bare.used.sum())
     return ImageWhitening(sd, power + repeats * floor_power)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .gain_pattern import Pattern, estimate
 from .whitening import Whitening
 
 FEWEST = 8  # least degrees of freedom for a reliable mean of an inverse variance
@@ -131,6 +132,14 @@ class Observed:
     def parts(self) -> tuple[str, ...]:
         """Names of the parts of the data, in the order of residuals and weights."""
         return ("mean",) if self.variance is None else ("mean", "noise variance", "noise correlation")
+
+    def pattern(self, residual: np.ndarray, weight: np.ndarray) -> Pattern:
+        """Estimate a gain pattern in residuals of the mean, with weights of the same shape."""
+        return estimate(residual, weight, self.whitening)
+
+    def pattern_field(self, constants: np.ndarray) -> np.ndarray:
+        """Return the constants of a gain pattern, broadcastable to the mean."""
+        return constants
 
     def residuals(self, prediction: Prediction) -> list[np.ndarray]:
         """Return observed minus predicted data, by part; the mean's noise is whitened."""

@@ -1,7 +1,11 @@
-"""Gain pattern of a detector: one constant per pixel, estimated from the mean residual of all views."""
+"""Gain pattern of a detector: one constant per pixel, estimated from the mean residual of all views.
+
+In images, a constant belongs to a ring of a slice, and the mean is over its voxels (ObservedImages).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +23,9 @@ class Pattern:
 
     Attributes
     ----------
-    values : ndarray, shape (rows, columns)
+    values : ndarray, shape (rows, columns) or (slices, rings)
         Estimates, shrunk towards 0 for noise.
-    variance : ndarray, shape (rows, columns)
+    variance : ndarray, shaped as `values`
         Variance of the true constants, whitened, about them.
     rms, error : float
         Standard deviation of the true constants, and its standard error.
@@ -41,17 +45,31 @@ def pattern_p_value(rms: float, error: float) -> float:
     return float(stats.norm.sf(rms / error)) if rms else 1.0
 
 
-def estimate(residual: np.ndarray, weight: np.ndarray, whitening: Whitening | None = None) -> Pattern:
+def over_views(values: np.ndarray) -> np.ndarray:
+    """Return sums over the data of every pixel, shape (rows, columns)."""
+    return values.sum(axis=0)
+
+
+def estimate(
+    residual: np.ndarray,
+    weight: np.ndarray,
+    whitening: Whitening | None = None,
+    sums: Callable[[np.ndarray], np.ndarray] = over_views,
+) -> Pattern:
     """Estimate the pattern in residuals with weights 1 / variance, shape (views, rows, columns).
+
+    `sums` returns the sums over the data that share a constant.
 
     The constants are modeled as independent normal values, whose variance is the mean square of their rough part less
     that of noise. A smooth part that is larger than expected of such values is other physics (the shadow of a disc is
     equal in all views), and not part of the pattern.
     """
-    total = weight.sum(axis=0)
+    total = sums(weight)
     good = total > 0
-    mean = np.where(good, (weight * residual).sum(axis=0) / np.where(good, total, 1), 0)
+    mean = np.where(good, sums(weight * residual) / np.where(good, total, 1), 0)
     noise = np.where(good, 1 / np.where(good, total, 1), 0)
+    if not good.any():
+        return Pattern(mean, noise, 0.0, 0.0)
     rough, left = _without_smooth(mean, good)
     square = rough[good] ** 2 / left
     excess = float((square - noise[good]).mean())

@@ -14,7 +14,7 @@ from ...physics.effect import Parameter, load
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
 from ..fitting.templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_priors
-from ..noise.gain_pattern import estimate, pattern_p_value
+from ..noise.gain_pattern import pattern_p_value
 from ..uncertainty.model_error import distortions_of_physics
 from .processes import run_parallel
 from .progress import RANKED, DiagnosisProgress
@@ -185,8 +185,9 @@ def _pattern(fitter: Fitter, residual: np.ndarray) -> Screened:
     """Return the result for a gain pattern, which is estimated directly from the mean's residual."""
     shape = fitter.data.mean.shape
     mean, weight = residual.reshape(shape), fitter.weights[0].reshape(shape)
-    pattern = estimate(mean, weight, fitter.data.whitening)
-    found = fitter.data.whitened(np.where(fitter.data.usable, pattern.values, 0))
+    data = fitter.data
+    pattern = data.pattern(mean, weight)
+    found = data.whitened(np.where(data.usable, data.pattern_field(pattern.values), 0))
     gain = float((weight * (2 * mean - found) * found).sum())
     return Screened(pattern_p_value(pattern.rms, pattern.error), gain)
 

@@ -25,6 +25,7 @@ from ..verdict.verdict import Diagnosis
 from ..verdict_text import SETUP_VERDICTS, setup_lines, with_verdict_text
 from .data_checks import copied_repeats, outlying_repeats, wrong_illumination
 from .finding import AS_STATED, DESCRIPTION, MOST, Finding, SetupResult, find
+from .located import locate
 from .mismatch import Comparison
 from .orientation import orientation
 
@@ -58,6 +59,8 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult 
     """Compare a recording with its description; None if the check is switched off or not possible."""
     if not request.settings.check_setup or not isinstance(recording, ProjectionsRecording | ImagesRecording):
         return None
+    if isinstance(recording, ImagesRecording) and not request.settings.of_phantom:
+        return locate(recording, request)
     if isinstance(recording, ImagesRecording):
         phantom = read_nifti(request.phantom)
         repeats = np.stack([repeat.array for repeat in recording.repeats])

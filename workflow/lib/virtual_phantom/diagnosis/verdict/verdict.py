@@ -21,7 +21,7 @@ from ..uncertainty.model_error import Errors
 from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, with_verdict_text
 from .object_mismatch import content_of, excess
 from .unmodeled import ChangesOfFits, better_changes, kinds_test
-from .warnings import caveats, doubts, statements
+from .warnings import caveats, doubts, effects_at_bounds, statements
 
 LEFT_SD = 3.0  # standard deviations above which a sum of products is significant: 1 in 740 by chance
 NO_SIGNED_MAP = (EDGES, "both halves", KINDS)  # sums of squares and products
@@ -107,6 +107,9 @@ def diagnose(
     outside = better_changes(choice, beside, max(AS_GOOD, choice.tolerance))
     off = any(parameter["off"] for parameters in known.values() for parameter in parameters.values())
     verdict = VERDICTS[(2 if left or doubted or outside else 1) if effects or off else (0 if not left else 3)]
+    at_bounds = effects_at_bounds(choice.chosen.fit, fitter.model)
+    if effects and set(effects) == set(at_bounds):
+        verdict = UNEXPLAINED
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}
     content = {
         "recording": recording,
@@ -130,6 +133,7 @@ def diagnose(
         "remainder_sd": remainder_sd(prepared, choice.chosen),
         "unexplained": [_location(place) for place in left],
         "doubts": doubted,
+        "at_bounds": at_bounds,
         "declared": known,
         "next_measurement": next_measurements(choice, bool(left), prepared.display.ranked),
         "held_out_data": prepared.held_out_text,

@@ -96,6 +96,29 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
         Metrics before and after, from verdict.metrics_of.
     """
     fit = choice.chosen.fit
+    found = [phrase for _, _, phrase in _at_bounds(fit, model)]
+    if pulled := _pulled(fit, model):
+        names = enumerated([label(number.name) for number in pulled])
+        moved = "; ".join(
+            f"{fit.nuisance[number.name]:.3g}, prior {number.expected:.3g} ± {number.sd:.3g}" for number in pulled
+        )
+        found.append(f"{names} of the alignment reached the limit of the fit ({SURE:g} SD of the prior: {moved})")
+    left = held_out.get("chi_square_mean", {}).get("after", 1.0)
+    if left > MOST_CHI_SQUARE:
+        found.append(f"chi-square per datum is {left:.2f} (1.00 for noise alone)")
+    return found
+
+
+def effects_at_bounds(fit: Fit, model: Model) -> list[str]:
+    """Return the effects that do not explain a difference, as a parameter is at its bound.
+
+    The width of a kernel may be there, because the shape of the kernel is an assumption.
+    """
+    return list(dict.fromkeys(name for name, parameter, _ in _at_bounds(fit, model) if not parameter.kernel))
+
+
+def _at_bounds(fit: Fit, model: Model) -> list[tuple[str, Parameter, str]]:
+    """Return effect, parameter and a phrase for each parameter that the data measure and that is at its bound."""
     found = []
     plausible = {(name, parameter.name): parameter for name in fit.effects for parameter in model.parameters(name)}
     for unknown in model.unknowns(fit.effects):
@@ -110,16 +133,7 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
                 parameter = plausible[unknown.effect, unknown.name]
                 name, amount = _quantity(parameter, value)
                 known = _stated(unknown, model) or f"not stated, the {end} end of its range"
-                found.append(f"{name} of {label(unknown.effect)} is {amount} ({known})")
-    if pulled := _pulled(fit, model):
-        names = enumerated([label(number.name) for number in pulled])
-        moved = "; ".join(
-            f"{fit.nuisance[number.name]:.3g}, prior {number.expected:.3g} ± {number.sd:.3g}" for number in pulled
-        )
-        found.append(f"{names} of the alignment reached the limit of the fit ({SURE:g} SD of the prior: {moved})")
-    left = held_out.get("chi_square_mean", {}).get("after", 1.0)
-    if left > MOST_CHI_SQUARE:
-        found.append(f"chi-square per datum is {left:.2f} (1.00 for noise alone)")
+                found.append((unknown.effect, parameter, f"{name} of {label(unknown.effect)} is {amount} ({known})"))
     return found
 
 

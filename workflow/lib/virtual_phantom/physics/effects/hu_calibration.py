@@ -18,8 +18,8 @@ EFFECT = Effect(
     signature="means of all regions are shifted equally, or in proportion to their HU",
     settled_by="scan a water phantom with surrounding air",
     parameters=(
-        Parameter("scale", "1", "a: factor of HU", 0.8, 1.2, 1.0, 1.02, 1.0),
-        Parameter("offset_hu", "HU", "b: added to HU", -100.0, 100.0, 0.0, 5.0),
+        Parameter("scale", "1", "a: factor of HU", 0.5, 1.5, 1.0, 1.02, 1.0),
+        Parameter("offset_hu", "HU", "b: added to HU", -500.0, 500.0, 0.0, 5.0),
     ),
     apply=apply,
     rank=1,

@@ -182,6 +182,19 @@ def cone(
     return Shape(material, _ends(along, base_mm, 0.0, height_mm), _quadric(matrix, apex, 0.0), around)
 
 
+def is_constant_along_z(shapes: Sequence[Shape]) -> bool:
+    """Return whether all shapes are prisms along z that are infinite or end at the same heights."""
+    ends = []
+    for shape in shapes:
+        curved = shape.quadric is not None and shape.quadric[2].any()
+        along = np.abs(shape.planes[:, 2])
+        if curved or not np.isin(along, (0.0, 1.0)).all():
+            return False
+        ends.append(sorted(map(tuple, shape.planes[along == 1][:, 2:])))
+    ends = [limits for limits in ends if limits]
+    return all(limits == ends[0] for limits in ends)
+
+
 class ShapesScene(Scene):
     """A scene of geometric shapes.
 

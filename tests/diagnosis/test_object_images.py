@@ -1,0 +1,150 @@
+"""Images of a known object: slices as repeats, reconstructed by another program from an analytic sinogram."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import yaml
+from skimage.measure import block_reduce
+from skimage.transform import iradon
+
+from virtual_phantom.api.diagnosis import SECTION
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.diagnosis.images.scan import with_scan
+from virtual_phantom.diagnosis.images.setting import correlated_variance
+from virtual_phantom.diagnosis.preparation import prepare_recording
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.run import find_missing_physics
+from virtual_phantom.diagnosis.settings import RecordingSettings
+from virtual_phantom.diagnosis.setup.located import locate
+from virtual_phantom.io.schema import defaults_of, fill_defaults, schema_of
+from virtual_phantom.io.volumes import Volume, write_nifti
+from virtual_phantom.physics.beam.materials import Segmentation, attenuation_per_mm, energy_of
+from virtual_phantom.recordings.reading import load_recording
+
+WATER_PER_MM = defaults_of()["mu_water_per_mm"]
+ENERGY_KEV = energy_of("water", WATER_PER_MM)
+# x, y, diameter in mm, and material. Later discs replace earlier ones.
+DISCS = [(0, 0, 100, "water"), (28, 6, 22, "pmma"), (-18, 24, 16, "polyethylene"), (-10, -28, 18, "soft_tissue")]
+SIDE, VOXEL_MM, FINE, VIEWS, SLICES = 64, 2.0, 3, 240, 10
+MOVED = (3.2, -1.7)  # x, y, mm
+
+
+def line_integrals(t_mm, angles_rad):
+    """Parallel projections, shape (t, angles), of the discs, moved, per mm of attenuation."""
+    total = np.zeros((len(t_mm), len(angles_rad)))
+    for number, (x, y, diameter, material) in enumerate(DISCS):
+        mu = attenuation_per_mm(material, [ENERGY_KEV])[0] - (WATER_PER_MM if number else 0)
+        center = (x + MOVED[0]) * np.cos(angles_rad) + (y + MOVED[1]) * np.sin(angles_rad)
+        total += mu * 2 * np.sqrt(np.maximum((diameter / 2) ** 2 - (t_mm[:, None] - center) ** 2, 0))
+    return total
+
+
+def reconstructed(lines, pixel_mm, filter_name):
+    """Filtered back-projection by scikit-image, HU, rows along +y."""
+    degrees = np.arange(VIEWS) * 180 / VIEWS
+    image = iradon(lines, degrees, filter_name=filter_name, interpolation="cubic")[::-1] / pixel_mm
+    return 1000 * (image / WATER_PER_MM - 1)
+
+
+@cache
+def images(filter_name="ramp", noise=0.004, seed=1):
+    """Noisy slices, HU, shape (z, y, x), of voxels that average the image."""
+    random, angles = np.random.default_rng(seed), np.arange(VIEWS) * np.pi / VIEWS
+    pixel = VOXEL_MM / FINE
+    t = (np.arange(SIDE * FINE) - SIDE * FINE // 2) * pixel
+
+    clean = reconstructed(line_integrals(t, angles), pixel, filter_name)
+    clean = block_reduce(clean, (FINE, FINE), np.mean)
+    noisy = [
+        clean + 1000 + reconstructed(noise * random.standard_normal((SIDE, VIEWS)), VOXEL_MM, filter_name)
+        for _ in range(SLICES)
+    ]
+    return np.array(noisy)
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """Return a function that writes slices as a recording, and the object as a file of shapes."""
+    shapes = [
+        {"kind": "cylinder", "material": material, "centre_mm": [x, y, 0], "diameter_mm": diameter}
+        for x, y, diameter, material in DISCS
+    ]
+    (tmp_path / "discs.yaml").write_text(yaml.safe_dump({"description": "Discs.", "shapes": shapes}))
+
+    def write(slices):
+        grid = Grid(slices.shape, (2.5, VOXEL_MM, VOXEL_MM))
+        write_nifti(Volume(np.rint(slices).astype(np.int16), grid), tmp_path / "images.nii.gz")
+        content = {"name": "discs", "kind": "images", "repeats": ["images.nii.gz"]}
+        (tmp_path / "recording.yaml").write_text(yaml.safe_dump(content))
+        return tmp_path
+
+    return write
+
+
+def request_of(folder, **settings):
+    schema = SECTION | {"$defs": schema_of()["$defs"]}
+    section = {"object": {"kind": str(folder / "discs.yaml"), "parameters": {}}} | settings
+    fill_defaults(section, schema)
+    return DiagnosisRequest(
+        folder, from_mapping(RecordingSettings, section), WATER_PER_MM, Segmentation(**defaults_of("materials"))
+    )
+
+
+def test_object_is_located_and_the_other_end_is_recognized(recorded):
+    slices = images()
+    recording = load_recording(recorded(slices))
+    found = locate(recording, request_of(recording.document.folder))
+    # scikit-image turns about the pixel right of the middle: half a fine pixel.
+    half = VOXEL_MM / FINE / 2
+    assert found.location["x_mm"] == pytest.approx(MOVED[0] + half, abs=0.1)
+    assert found.location["y_mm"] == pytest.approx(MOVED[1] - half, abs=0.1)
+    assert abs(found.location["turn_deg"]) < 0.5
+    assert not found.mirrored
+    recording = load_recording(recorded(slices[..., ::-1]))
+    found = locate(recording, request_of(recording.document.folder))
+    assert found.mirrored
+    assert found.location["x_mm"] == pytest.approx(MOVED[0] + half, abs=0.1)
+
+
+def test_other_object_is_one_clear_error(recorded):
+    folder = recorded(images())
+    with pytest.raises(InputError, match="the object does not fit the images: correlation"):
+        locate(load_recording(folder), request_of(folder, disc={"diameter_mm": 30, "material": "water"}, object=None))
+
+
+@pytest.mark.parametrize(
+    ("change", "filter_name", "expected"),
+    [
+        (lambda hu: hu, "ramp", []),
+        (lambda hu: 1.03 * hu + 8, "ramp", ["hu_calibration"]),
+        (lambda hu: hu, "hann", ["reconstruction_kernel"]),
+    ],
+    ids=["nothing", "hu", "kernel"],
+)
+def test_effect_in_images_of_another_program_is_named(recorded, change, filter_name, expected):
+    folder = recorded(change(images(filter_name)))
+    recording, location = load_recording(folder), {"x_mm": 3.5, "y_mm": -2.0, "turn_deg": 0.0}
+    request = with_scan(request_of(folder).located(location), recording)
+    _, prepared = prepare_recording(request, recording)
+    assert prepared.data.n == prepared.held_out.n == SLICES // 2
+    accuracy = defaults_of("diagnosis", "model_accuracy")
+    content = find_missing_physics("discs", prepared, ["hu_calibration", "reconstruction_kernel"], accuracy).content
+    assert [effect["name"] for effect in content["effects"]] == expected
+    assert content["verdict"] == ("mismatch explained" if expected else "match")
+    if expected == ["hu_calibration"]:
+        for name, truth in (("scale", 1.03), ("offset_hu", 8.0)):
+            low, high = content["effects"][0]["parameters"][name]["ci95"]
+            assert low < truth < high
+
+
+def test_correlation_of_slices_is_counted():
+    white = np.random.default_rng(1).standard_normal((1, 60, 20, 20))
+    valid = np.ones((20, 20), bool)
+    assert correlated_variance(white, valid) == pytest.approx(1, abs=0.15)
+    # Means of two neighbors: correlation of 1/2, so a mean of n has 2 times the variance of independent ones.
+    assert correlated_variance((white[:, 1:] + white[:, :-1]) / 2, valid) == pytest.approx(2, rel=0.15)
+    with pytest.raises(InputError, match="3 slices, of which 3 have independent noise"):
+        correlated_variance(white[:, :3], valid)
