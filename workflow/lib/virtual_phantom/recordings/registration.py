@@ -446,8 +446,8 @@ class Search:
             return found
         raise InputError(
             f"recording {self.name}: the object does not fit the images: correlation {found.correlation:.2f} (at least "
-            f"{LEAST_CORRELATION:g}), inside the object {found.correlation_inside:.2f} (at least {least:g}); check "
-            "the object, its slices (diagnosis.recordings: slices) and the orientation of the images"
+            f"{LEAST_CORRELATION:g}), inside {found.correlation_inside:.2f} (at least {least:g}); check object, slices "
+            "(diagnosis.recordings: slices) and orientation"
         )
 
     def checked(self, transform: sitk.Euler3DTransform) -> Alignment:

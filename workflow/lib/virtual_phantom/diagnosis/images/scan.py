@@ -13,6 +13,8 @@ from ...base.errors import InputError
 from ...base.geometry import Grid, ImageProtocol
 from ...base.settings import FbpSettings, FocalSpot, GridSettings, KernelSettings, ScanSettings
 from ...base.vectors import CYLINDRICAL, FLAT
+from ...physics.scenes.prism import PrismScene
+from ...physics.scenes.scene import DiscScene
 from ...physics.scenes.shapes import is_constant_along_z
 from ...recordings.images import ImagesRecording
 from ..request import DiagnosisRequest
@@ -73,12 +75,12 @@ def imaged_object(request: DiagnosisRequest, grid: Grid) -> ImagedObject:
         )
     away = max(0, (count - MOST_SLICES) // 2)
     slices = slice(away, count - away) if stated is None else slice(stated[0], stated[1] + 1)
-    scanned = request.settings.object
+    scanned, scene = request.settings.object, scene_of(request)
     if isinstance(scanned, ShapesObject):
         prism = is_constant_along_z(shaped_object(scanned).shapes)
     else:
-        prism = request.settings.disc is not None or not hasattr(scene_of(request), "moved")
-    radius = scene_of(request).radius_mm
+        prism = isinstance(scene, DiscScene | PrismScene)
+    radius = scene.radius_mm
     halves = [
         math.ceil((radius + MARGIN_MM + abs(request.settings.location.get(axis, 0.0))) / step)
         for axis, step in zip(("y_mm", "x_mm"), grid.spacing[1:], strict=True)
