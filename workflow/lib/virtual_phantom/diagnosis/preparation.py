@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..base.errors import InputError
+from ..io import volumes
 from ..physics.beam.sensors import sensor_from_label
 from ..physics.beam.spectra import KVP, TUNGSTEN, Anode
 from ..physics.chain import EVEN, Chain
@@ -15,6 +16,7 @@ from .fitting.priors import BASELINE_CONFIG_KEY, declared
 from .images.setting import agreement_of_images, prepare_images
 from .projections.discretization import model_and_floor
 from .projections.lost_rays import check_scans
+from .projections.object_errors import StatedObject
 from .projections.observed import scans
 from .projections.prepared import PreparedScans, prepare
 from .request import DiagnosisRequest, NominalSettings
@@ -54,7 +56,10 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     scene, shape = scene_of(request), recording.geometry.shape
     samples, step = samples_and_step(settings.samples, settings.view_step, settings.of_shapes, shape)
     model, floor = model_and_floor(scene, recording.geometry, samples, **detector)
-    coarse = None
+    coarse, uncertain = None, None
+    if not settings.object_exact:
+        phantom = volumes.read_nifti(request.phantom) if settings.of_phantom else None
+        uncertain = StatedObject(scene, settings.object_uncertainty, request.mu_water_per_mm, phantom)
     if settings.of_phantom:
         voxels = coarse_scene(request.phantom, request.mu_water_per_mm, request.materials, request.threads)
         coarse = Chain(voxels, recording.geometry, samples=samples, **detector)
@@ -75,6 +80,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         step=step,
         time_remark=view_time_note(recording.scan),
         voxels=binary_voxels_remark(request, scene),
+        uncertain=uncertain,
     )
 
 

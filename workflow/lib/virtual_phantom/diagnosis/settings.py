@@ -64,6 +64,25 @@ class ShapesObject:
 
 
 @dataclass(frozen=True)
+class ObjectUncertainty:
+    """Standard deviations of errors of the stated object.
+
+    Attributes
+    ----------
+    density : float
+        Relative, of the density of each material.
+    hu : float
+        HU of a phantom.
+    materials : dict of str to float
+        {material: relative standard deviation of its density}, which replaces `density`.
+    """
+
+    density: float = 0.01
+    hu: float = 5.0
+    materials: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class RecordingSettings:
     """Section diagnosis.recordings.<name>.
 
@@ -87,6 +106,8 @@ class RecordingSettings:
         Whether the set-up of the scan is checked first.
     object_may_differ : bool or float
         See run.find_missing_physics.
+    object_exact : bool
+        Whether the object is known exactly; otherwise with the errors of `object_uncertainty`.
     baseline : mapping
         Declared physics, {effect: {parameter: {value, sd}}} (fitting.priors).
     effects : tuple of str or None
@@ -105,6 +126,8 @@ class RecordingSettings:
     location: dict[str, float] = field(default_factory=dict)
     check_setup: bool = False
     object_may_differ: bool | float = False
+    object_exact: bool = False
+    object_uncertainty: ObjectUncertainty = field(default_factory=ObjectUncertainty)
     baseline: Baseline = field(default_factory=dict)
     effects: tuple[str, ...] | None = None
     physics_from: str | None = None

@@ -18,6 +18,7 @@ from ..fitting.nuisance import Nuisance, pose_of
 from ..noise.condensed import Prediction
 from .discretization import Numerical, inclusions_of
 from .local_mismatch import Piece
+from .object_errors import ObjectErrors
 from .observed import ObservedScans, white_shape
 
 
@@ -44,6 +45,8 @@ class ScansModel(Model):
         See Model.
     numerical : Numerical, optional
         Discretization errors. Each is fitted as a distortion of the line integrals, because it is systematic.
+    object_errors : ObjectErrors, optional
+        Errors of the stated object. They are nuisance parameters, too.
 
     Attributes
     ----------
@@ -52,9 +55,16 @@ class ScansModel(Model):
     """
 
     def __init__(
-        self, chain: Chain, nuisances: tuple[Nuisance, ...], *, numerical: Numerical | None = None, **settings
+        self,
+        chain: Chain,
+        nuisances: tuple[Nuisance, ...],
+        *,
+        numerical: Numerical | None = None,
+        object_errors: ObjectErrors | None = None,
+        **settings,
     ):
-        super().__init__(chain, nuisances, **settings)
+        self.object_errors = object_errors or ObjectErrors()
+        super().__init__(chain, (*nuisances, *self.object_errors.numbers), **settings)
         self.numerical = numerical
         self.pieces: Mapping[str, Inclusion] = {}
 
@@ -83,6 +93,15 @@ class ScansModel(Model):
         return {} if self.numerical is None else self.numerical.at(linearization.errors)
 
     @property
+    def object_error_names(self) -> tuple[str, ...]:
+        """See Model.object_error_names."""
+        return self.object_errors.names
+
+    def object_changes(self, data: ObservedScans) -> np.ndarray:
+        """See Model.object_changes."""
+        return self.object_errors.whitened(data)
+
+    @property
     def source_angles_rad(self) -> np.ndarray:
         """See Model.source_angles_rad."""
         source = self.chain.geometry.by_vectors().source_mm
@@ -109,6 +128,8 @@ class ScansModel(Model):
         above, variance = state.log_noise()
         lines = state.line_integrals()
         mean = nuisance["scale"] * lines + nuisance["offset"] + self.distortion(nuisance, linearization) + above
+        if self.object_errors.numbers:
+            mean += self.object_errors.lines(nuisance)
         ratio = np.where(data.usable, variance / data.reference, 0)
         correlation = data.correlation  # None for a single repeat
         if correlation is not None and np.isfinite(correlation).any():
