@@ -97,6 +97,15 @@ class ScansModel(Model):
         """See Model.object_error_names."""
         return self.object_errors.names
 
+    def with_exact_object(self) -> ScansModel:
+        """See Model.with_exact_object."""
+        found = copy.copy(self)
+        found.object_errors = ObjectErrors()
+        found.base_nuisances = tuple(
+            number for number in self.base_nuisances if number.name not in self.object_error_names
+        )
+        return found
+
     def object_changes(self, data: ObservedScans) -> np.ndarray:
         """See Model.object_changes."""
         return self.object_errors.whitened(data)

@@ -117,6 +117,14 @@ class StatedObject:
         return VoxelScene(shares[there], self.phantom.grid, materials, scene.energy_kev, scene.threads), numbers
 
 
+def words_of(name: str, error: float) -> str:
+    """Return an error of the object in words."""
+    denser = "denser" if error > 0 else "less dense"
+    if name.startswith(HU):
+        return f"voxels near {name.removeprefix(HU)} HU that are {abs(error):.2g} HU {denser} than stated"
+    return f"{name.removeprefix(DENSITY)} that is {100 * abs(error):.2g} % {denser} than stated"
+
+
 def _lengths(scene: Scene, geometry: ScanGeometry, samples: int, pose: Pose) -> np.ndarray:
     """Return mean path lengths of the rays of each pixel, mm, float32, shape (materials, views, rows, columns)."""
     return sum(
