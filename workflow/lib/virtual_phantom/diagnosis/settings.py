@@ -73,13 +73,20 @@ class ObjectUncertainty:
         Relative, of the density of each material.
     hu : float
         HU of a phantom.
+    surface_mm : float
+        Location of the surface of each material of a label map or of shapes, mm.
     materials : dict of str to float
         {material: relative standard deviation of its density}, which replaces `density`.
     """
 
     density: float = 0.01
     hu: float = 5.0
+    surface_mm: float = 0.1
     materials: dict[str, float] = field(default_factory=dict)
+
+    def density_of(self, material: str) -> float:
+        """Return the relative standard deviation of a material's density."""
+        return self.materials.get(material, self.density)
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,8 @@ class ScansModel(Model):
         **settings,
     ):
         self.object_errors = object_errors or ObjectErrors()
-        super().__init__(chain, (*nuisances, *self.object_errors.numbers), **settings)
+        numbers = (*nuisances, *self.object_errors.edge_numbers, *self.object_errors.numbers)
+        super().__init__(chain, numbers, **settings)
         self.numerical = numerical
         self.pieces: Mapping[str, Inclusion] = {}
 
@@ -80,17 +81,17 @@ class ScansModel(Model):
     @property
     def distortions(self) -> tuple[str, ...]:
         """See Model.distortions."""
-        return () if self.numerical is None else self.numerical.names
+        numerical = () if self.numerical is None else self.numerical.names
+        return (*numerical, *self.object_errors.edges)
 
     def distortion(self, nuisance: Mapping[str, float], linearization: Linearization = BASE) -> np.ndarray | float:
         """See Model.distortion."""
-        if self.numerical is None:
-            return 0.0
         return sum(nuisance[name] * change for name, change in self.discretization_errors(linearization).items())
 
     def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """See Model.discretization_errors."""
-        return {} if self.numerical is None else self.numerical.at(linearization.errors)
+        numerical = {} if self.numerical is None else self.numerical.at(linearization.errors)
+        return numerical | dict(self.object_errors.edges)
 
     @property
     def object_error_names(self) -> tuple[str, ...]:
@@ -100,7 +101,7 @@ class ScansModel(Model):
     def with_exact_object(self) -> ScansModel:
         """See Model.with_exact_object."""
         found = copy.copy(self)
-        found.object_errors = ObjectErrors()
+        found.object_errors = ObjectErrors(edges=self.object_errors.edges)
         found.base_nuisances = tuple(
             number for number in self.base_nuisances if number.name not in self.object_error_names
         )
@@ -121,7 +122,7 @@ class ScansModel(Model):
     ) -> bool:
         """See Model.needs_relinearization."""
         lines = prediction.design[0]
-        return bool(self.distortions) and self.numerical.needs_relinearization(
+        return bool(self.numerical and self.numerical.names) and self.numerical.needs_relinearization(
             errors, lines, weights.reshape(lines.shape)
         )
 
