@@ -53,12 +53,14 @@ TOLD = {
 
 
 def cases(options):
-    """(seed, phantom, hidden effect, strength, told object) of the options."""
-    for seed, (number, phantom) in product(options.seeds, enumerate(OBJECTS)):
+    """Rows without results, of the options."""
+    for seed, (number, phantom), dose in product(options.seeds, enumerate(OBJECTS), options.doses):
+        photons, _, repeats = dose.partition("x")
+        scan = {"seed": seed, "number": number, "phantom": phantom, "photons": float(photons), "repeats": int(repeats)}
         for told in options.told:
-            yield seed, number, phantom, NONE, "", told
+            yield scan | {"hidden": NONE, "strength": "", "told": told}
         for effect, strength in product(options.effects, options.strengths):
-            yield seed, number, phantom, effect, strength, "as scanned"
+            yield scan | {"hidden": effect, "strength": strength, "told": "as scanned"}
 
 
 def diagnosed(folder, model, exact, config):
@@ -72,33 +74,28 @@ def diagnosed(folder, model, exact, config):
     return content, round(sum(os.times()[:4]) - began, 1)
 
 
-def rows_of(case, scan, config, folder):
+def rows_of(case, model, config, folder):
     """Rows of a case, with the object told as exact and with its default uncertainty."""
-    seed, _, phantom, effect, strength, told = case
-    image = read_nifti(folder / "as_scanned.nii.gz")
-    write_nifti(Volume(TOLD[told](image.array).astype(np.float32), image.grid), folder / "image.nii.gz")
+    image, effect = read_nifti(folder / "as_scanned.nii.gz"), case["hidden"]
+    write_nifti(Volume(TOLD[case["told"]](image.array).astype(np.float32), image.grid), folder / "image.nii.gz")
     for exact in (True, False):
-        content, seconds = diagnosed(folder, scan, exact, config)
+        content, seconds = diagnosed(folder, model, exact, config)
         named = [found["name"] for found in content["effects"]]
         others = content["ambiguous_with"].get(named[0], []) if named else []
-        right = named[:1] == [effect] if effect != NONE else content["verdict"] == "match"
-        yield {
-            "seed": seed,
-            "phantom": phantom,
-            "hidden": effect,
-            "strength": strength,
-            "told": told,
+        imitated = [one["what"] for one in content["object_alternatives"].values()]
+        yield case | {
             "exact": exact,
             "verdict": content["verdict"],
             "named": "+".join(named),
-            "right": int(right),
+            "right": int(named[:1] == [effect] if effect != NONE else content["verdict"] == "match"),
             "alternatives": "+".join(others),
-            "imitated": "; ".join(one["what"] for one in content.get("object_alternatives", {}).values()),
+            "object": "; ".join(imitated) or "+".join(content["object_errors"].get("imitated_by", [])),
             "cpu_s": seconds,
         }
 
 
-FIELDS = "seed phantom hidden strength told exact verdict named right alternatives imitated cpu_s".split()
+KEYS = ("seed", "number", "phantom", "photons", "repeats", "hidden", "strength", "told")
+FIELDS = (*KEYS, "exact", "verdict", "named", "right", "alternatives", "object", "cpu_s")
 
 
 def add_arguments(parser):
@@ -106,38 +103,56 @@ def add_arguments(parser):
     parser.add_argument("--told", nargs="*", default=list(TOLD), choices=list(TOLD))
     parser.add_argument("--effects", nargs="*", default=list(EFFECTS))
     parser.add_argument("--strengths", nargs="*", default=list(STRENGTHS))
+    parser.add_argument("--doses", nargs="*", default=["1e5x4"], help="photons per pixel in air x repeats")
     parser.add_argument("--out", type=Path, default=Path("object_uncertainty.csv"))
+
+
+def key_of(row):
+    return tuple(str(row[name]) for name in KEYS)
 
 
 def run(options):
     config = common.configuration()
     rows = common.read_csv_rows(options.out)
-    done = {(row["seed"], row["phantom"], row["hidden"], row["strength"], row["told"]) for row in rows}
+    done = set(map(key_of, rows))
     with tempfile.TemporaryDirectory() as root, common.csv_writer(options.out, FIELDS, append=True) as write:
-        scanned, scan = None, None
+        scanned, model, folder = None, None, None
         for case in cases(options):
-            seed, number, phantom, effect, strength, told = case
-            if (str(seed), phantom, effect, strength, told) in done:
+            if key_of(case) in done:
                 continue
-            if scanned != (seed, phantom, effect, strength):  # the told objects of a scan come after each other
-                folder = Path(root, *map(str, (seed, phantom, effect, strength or "no")))
+            if scanned != key_of(case)[:-1]:  # the told objects of a scan come after each other
+                scanned = key_of(case)[:-1]
+                folder = Path(root, *scanned)
                 folder.mkdir(parents=True)
-                random = generator(branch(seed, Branch.PROOF_PHANTOM))
-                hidden = [] if effect == NONE else [simulator_scans.of_catalogue(effect, strength, random)]
-                truth = {"case": "case", "phantom": phantom, "number": number, "effects": hidden}
-                scan = simulator_scans.recorded(folder, truth, config, seed)
-                os.replace(folder / "image.nii.gz", folder / "as_scanned.nii.gz")
-                scanned = seed, phantom, effect, strength
-            for row in rows_of(case, scan, config, folder):
+                model = recorded(folder, case, config)
+            for row in rows_of(case, model, config, folder):
                 write(row)
                 rows.append({key: str(value) for key, value in row.items()})
                 print(*row.values(), sep=", ", flush=True)
+    summarize(rows)
+
+
+def recorded(folder, case, config):
+    """Scan a case; returns what a diagnosis request needs."""
+    seed, effect = case["seed"], case["hidden"]
+    random = generator(branch(seed, Branch.PROOF_PHANTOM))
+    hidden = [] if effect == NONE else [simulator_scans.of_catalogue(effect, case["strength"], random)]
+    truth = {"case": "case", "phantom": case["phantom"], "number": case["number"], "effects": hidden}
+    taken = simulator_scans.SCAN | {"photons": case["photons"], "repeats": case["repeats"]}
+    model = simulator_scans.recorded(folder, truth, config, seed, taken=taken)
+    os.replace(folder / "image.nii.gz", folder / "as_scanned.nii.gz")
+    return model
+
+
+def summarize(rows):
+    """Print how often the answer was right: a match, or the hidden effect named first."""
     for exact in ("True", "False"):
         print("exact object" if exact == "True" else "default uncertainty")
-        for key in ("told", "strength", "hidden"):
-            for value in dict.fromkeys(row[key] for row in rows):
-                chosen = [row for row in rows if row["exact"] == exact and row[key] == value]
-                chosen = [row for row in chosen if (row["hidden"] == NONE) == (key == "told")]
-                if chosen:
-                    right = sum(int(row["right"]) for row in chosen)
-                    print(f"  {value}: {'match' if key == 'told' else 'named first'} in {right} of {len(chosen)}")
+        chosen = [row for row in rows if row["exact"] == exact]
+        for keys in (("photons", "repeats", "told"), ("photons", "repeats", "strength"), ("hidden",)):
+            counts = {}
+            for row in chosen:
+                if (row["hidden"] == NONE) == ("told" in keys):
+                    counts.setdefault(tuple(row[key] for key in keys), []).append(int(row["right"]))
+            for values, right in counts.items():
+                print(f"  {', '.join(values)}: {sum(right)} of {len(right)}")
