@@ -88,7 +88,7 @@ class ObjectErrors:
 
 @dataclass(frozen=True)
 class StatedObject:
-    """What is known of an object: its scene, or a phantom in HU, with the uncertainty.
+    """Object of a recording with its uncertainty: a scene, or a phantom in HU.
 
     Attributes
     ----------
