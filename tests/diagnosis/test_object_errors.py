@@ -132,6 +132,9 @@ def test_a_material_that_the_object_does_not_have_is_rejected():
     uncertainty = ObjectUncertainty(materials={"tefon": 0.02})
     with pytest.raises(InputError, match="object_uncertainty.materials: the object has no material 'tefon'"):
         StatedObject(shapes_scene(), uncertainty, MU_WATER).errors(GEOMETRY, 1)
+    disc = ShapesScene([cylinder("water", (0, 0, 0), 90)])
+    with pytest.raises(InputError, match=r"use alignment: \{scale: SD\}"):
+        StatedObject(disc, ObjectUncertainty(materials={"water": 0.02}), MU_WATER).errors(GEOMETRY, 1)
 
 
 def test_an_exact_object_has_no_errors_and_a_single_material_only_a_scale():

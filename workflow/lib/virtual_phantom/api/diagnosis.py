@@ -75,7 +75,7 @@ def diagnose(
         Relevance thresholds that replace defaults of `diagnosis.matters`.
     **settings
         Settings of `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
-        `location`, `check_setup`, `object_may_differ`.
+        `location`, `check_setup`, `object_may_differ`, `object_exact`, `object_uncertainty`.
 
     Returns
     -------

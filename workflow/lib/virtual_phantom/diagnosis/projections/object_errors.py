@@ -107,10 +107,14 @@ class StatedObject:
         Raises
         ------
         InputError
-            If an uncertainty is stated for a material that the object does not have.
+            If an uncertainty is stated for a material that the object does not have, for materials of a phantom, or for
+            a single material.
         """
-        names = [str(material) for material in self.scene.materials]
-        for name in self.uncertainty.materials:
+        names, stated = [str(material) for material in self.scene.materials], self.uncertainty.materials
+        if stated and (self.phantom is not None or len(names) == 1):
+            key = "alignment: {scale: SD}" if self.phantom is None else "object_uncertainty: {hu: SD}"
+            raise InputError(f"object_uncertainty.materials: the object is not of several materials; use {key}")
+        for name in stated:
             if name not in names:
                 raise InputError(
                     f"object_uncertainty.materials: the object has no material '{name}'; {did_you_mean(name, names)}"
