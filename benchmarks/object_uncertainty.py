@@ -55,6 +55,8 @@ TOLD = {
 def cases(options):
     """Rows without results, of the options."""
     for seed, (number, phantom), dose in product(options.seeds, enumerate(OBJECTS), options.doses):
+        if phantom not in options.phantoms:
+            continue
         photons, _, repeats = dose.partition("x")
         scan = {"seed": seed, "number": number, "phantom": phantom, "photons": float(photons), "repeats": int(repeats)}
         for told in options.told:
@@ -103,6 +105,7 @@ def add_arguments(parser):
     parser.add_argument("--told", nargs="*", default=list(TOLD), choices=list(TOLD))
     parser.add_argument("--effects", nargs="*", default=list(EFFECTS))
     parser.add_argument("--strengths", nargs="*", default=list(STRENGTHS))
+    parser.add_argument("--phantoms", nargs="*", default=list(OBJECTS), choices=list(OBJECTS))
     parser.add_argument("--doses", nargs="*", default=["1e5x4"], help="photons per pixel in air x repeats")
     parser.add_argument("--out", type=Path, default=Path("object_uncertainty.csv"))
 

@@ -24,6 +24,7 @@ from ..noise.condensed import Observed
 from ..settings import ObjectUncertainty
 
 DENSITY, SURFACE, HU = "density_of_", "surface_of_", "hu_near_"  # prefixes of names of parameters
+SURFACE_VOXELS = 0.25  # additional SD of surfaces between voxels that have one material or none, in voxels
 STEP_MM = 0.05  # growth of shapes for derivatives
 # HU at which the error of a phantom in HU is a parameter; linear between them. Soft tissues differ by 20 HU or more.
 NODES_HU = (-1000, -700, -300, -100, -50, 0, 25, 50, 75, 100, 150, 250, 500, 1000, 2000)
@@ -155,7 +156,10 @@ class StatedObject:
         scene, uncertainty = self.scene, self.uncertainty
         names, mu = list(map(str, scene.materials)), scene.attenuation_per_mm[:, None, None, None].astype(np.float32)
         densities = [Nuisance(DENSITY + name, "1", 0.0, uncertainty.density_of(name)) for name in names]
-        surfaces = [Nuisance(SURFACE + name, "mm", 0.0, uncertainty.surface_mm) for name in names]
+        surface_mm = uncertainty.surface_mm
+        if isinstance(scene, GridScene) and scene.is_binary:
+            surface_mm = float(np.hypot(surface_mm, SURFACE_VOXELS * scene.grid.spacing[2]))
+        surfaces = [Nuisance(SURFACE + name, "mm", 0.0, surface_mm) for name in names]
         lengths = _lengths(scene, geometry, samples, pose)
         if isinstance(scene, ShapesScene):
             grown = (scene.grown(material, STEP_MM) for material in scene.materials)

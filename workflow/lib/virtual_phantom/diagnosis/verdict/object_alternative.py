@@ -14,7 +14,7 @@ from ..fitting.steps import ScaledEigenvalues
 from ..fitting.trial import Trial
 from ..projections.object_errors import words_of
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
-from ..selection.screening import screened
+from ..selection.screening import screened, stands_out
 from ..uncertainty.prediction_error import jacobians_of_halves
 
 FREED = 5.0  # factor of the stated standard deviations within which errors of the object are an alternative
@@ -71,7 +71,11 @@ def imitating_effects(fitter: Fitter, baseline: Trial, effects: Sequence[str], p
         return {}
     tried = applicable_effects(effects, model.with_declared_effects(()))
     alike = screened(exact, fit, tried, processes) if tried else {}
-    names = [name for name, found in alike.items() if found.gain / 2 > gain - AS_GOOD]
+    names = [
+        name
+        for name, found in alike.items()
+        if stands_out(found, len(alike), 2 * LEAST_GAIN) and found.gain / 2 > gain - AS_GOOD
+    ]
     errors = {name: baseline.fit.nuisance[name] for name in model.object_error_names}
     sizes = np.linalg.norm(model.object_changes(fitter.data) * np.sqrt(fitter.weights[0]), axis=1)
     return {"what": _words(errors, sizes), "gain": gain, "errors": errors, "imitated_by": names}

@@ -23,7 +23,7 @@ DISC_ENERGY_KEV = 60.0  # default energy of the monochromatic beam: about the me
 MIN_CUT_AMOUNT, MAX_EXTENSION = 0.25, 32
 # Surfaces of binary voxels: SD of the Gaussian, voxels, which smooths terraces; margin for it, voxels; and the least
 # change per voxel next to a surface.
-SURFACE_SIGMA, MARGIN, LEAST_SLOPE = 2.0, 2, 0.02
+SURFACE_SIGMA, MARGIN, LEAST_SLOPE = 2.5, 3, 0.02
 
 
 class Scene:
@@ -107,13 +107,15 @@ class GridScene(Scene):
     def with_partial_volumes(self) -> GridScene:
         """Return the scene with partial volumes at surfaces, for voxels that have one material or none.
 
-        The surface of a material is where its amount, averaged by a Gaussian, is 0.5. The partial volume follows from
-        the distance of the voxel from the surface, to first order.
+        The surface of a material is where its smoothed amount is 0.5. The smoothing 2 G - G^2 by a Gaussian G does not
+        displace curved surfaces, to first order. The partial volume follows from the distance of the voxel from the
+        surface.
         """
         amounts = np.pad(self._fractions, ((0, 0), (0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)))
         every = np.concatenate([amounts, 1 - amounts.sum(axis=0, keepdims=True)])  # the last one is empty space
         for share in every:
-            smooth = ndimage.gaussian_filter(share, SURFACE_SIGMA, mode="nearest")
+            once = ndimage.gaussian_filter(share, SURFACE_SIGMA, mode="nearest")
+            smooth = 2 * once - ndimage.gaussian_filter(once, SURFACE_SIGMA, mode="nearest")
             slope = np.sqrt(sum(np.gradient(smooth, axis=axis) ** 2 for axis in range(3) if share.shape[axis] > 1))
             there = slope > LEAST_SLOPE
             share[there] = np.clip(0.5 + (smooth[there] - 0.5) / slope[there], 0, 1)
