@@ -1,9 +1,9 @@
 """Diagnose scans with a slightly wrong object, told as exact and with its default uncertainty (20 minutes of CPU).
 
 Scans are by the simulator of the blind validation. With nothing hidden, the told object is changed; with a hidden
-effect, it is the scanned object on voxels twice as large. Finished cases of the output file are not repeated.
+effect, it is the known phantom of the validation. Finished cases of the output file are not repeated.
 
-Development seeds were 101 to 103. Results are for the seeds 7201 and 7202, which were used once.
+Development seeds were 101 and 102. The results in docs/validation/limits.md are for the seeds 7201 and 7202.
 """
 
 import os

@@ -5,6 +5,8 @@ from functools import cache
 import jsonschema
 import numpy as np
 import pytest
+from drawn_objects import CYLINDERS, ENERGY_KEV, MATERIALS, drawn
+from drawn_objects import GEOMETRY as FAN
 from simulated_scans import scans_of
 
 from virtual_phantom.base.errors import InputError
@@ -15,6 +17,7 @@ from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.projections.object_errors import StatedObject
 from virtual_phantom.diagnosis.run import find_missing_physics
+from virtual_phantom.diagnosis.scanned_object import labelled_scene
 from virtual_phantom.diagnosis.settings import ObjectUncertainty
 from virtual_phantom.io import documents
 from virtual_phantom.io.schema import defaults_of
@@ -22,6 +25,7 @@ from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.beam.materials import Mixture, Segmentation, attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes import shapes
+from virtual_phantom.physics.scenes.labeled import read_label_map
 from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 
@@ -161,3 +165,21 @@ def test_scatter_is_named_beside_an_uncertain_object():
     assert amount["ci95"][0] < 0.05 < amount["ci95"][1]
     exact = content(True, scatter=0.05)["effects"][0]["parameters"]["amount"]
     assert np.ptp(amount["ci95"]) > np.ptp(exact["ci95"])
+
+
+def test_sharp_edges_in_voxels_are_a_match(tmp_path):
+    labels = drawn(tmp_path / "labels.nii.gz", 0.7)  # half a detector pixel
+    labelled = read_label_map(labels, {str(label): material for label, material in MATERIALS.items()})
+    scene = labelled_scene(labelled, ENERGY_KEV)
+    true = ShapesScene([cylinder(*one) for one in CYLINDERS], ENERGY_KEV)
+    state = Chain(true, FAN, PHOTONS, samples=10).state({})
+    taken = scans_of(state, 4, np.random.default_rng(1))
+    verdicts = []
+    for uncertain in (StatedObject(scene, ObjectUncertainty(), MU_WATER), None):
+        model, floor = model_and_floor(scene, FAN, 2, photons=PHOTONS)
+        options = {"floor_chain": floor, "nominal_photons": PHOTONS, "uncertain": uncertain}
+        data = prepared.prepare(taken, None, model, **options)
+        accuracy = defaults_of("diagnosis", "model_accuracy")
+        verdicts.append(find_missing_physics("bench", data, ("scatter",), accuracy).content["verdict"])
+    assert verdicts[0] == "match"
+    assert verdicts[1] != "match"
