@@ -167,6 +167,14 @@ def test_scatter_is_named_beside_an_uncertain_object():
     assert np.ptp(amount["ci95"]) > np.ptp(exact["ci95"])
 
 
+def test_effects_that_errors_of_the_object_imitate_are_reported():
+    found = content(False, scatter=0.01)
+    assert found["verdict"] == "match"
+    assert "scatter" in found["object_errors"]["imitated_by"]
+    assert any("scatter or dark signal would explain this, too" in line for line in found["verdict_lines"])
+    assert "another tube voltage, or repeat the scan with the beam collimated" in found["next_measurement"][0]
+
+
 def test_sharp_edges_in_voxels_are_a_match(tmp_path):
     labels = drawn(tmp_path / "labels.nii.gz", 0.7)  # half a detector pixel
     labelled = read_label_map(labels, {str(label): material for label, material in MATERIALS.items()})

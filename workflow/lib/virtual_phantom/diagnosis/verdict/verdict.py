@@ -30,7 +30,7 @@ OBJECT_TURNED = (
     "scan the object again, rotated by 90 degrees about z; a mismatch of the object rotates with it, a mismatch of the "
     "scanner does not"
 )
-OTHER_OBJECT = "to distinguish {} from an error of the object, scan another object or at another tube voltage"
+OTHER_OBJECT = "to distinguish {} from an error of the object, scan another object, use another tube voltage"
 VERDICTS = (MATCH, "mismatch explained", "mismatch partly explained", UNEXPLAINED)
 
 
