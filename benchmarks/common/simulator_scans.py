@@ -43,23 +43,23 @@ def left_to_do(options, rows):
     return {case: truth for case, truth in truths(proof_settings(drawn)).items() if case not in done}
 
 
-def recorded(folder, truth, config, seed, baseline=None):
-    """Write the recording and the object of a case; returns what a diagnosis request needs."""
+def recorded(folder, truth, config, seed, baseline=None, taken=SCAN):
+    """Write the recording and the object of a case; returns what a diagnosis request needs. `taken` is the scan."""
     one, mu = OBJECTS[truth["phantom"]], config.mu_water_per_mm
     stream = branch(config.seed, Branch.PROOF_PHANTOM)
-    phantom = build(one, resource(one.layout), SCAN["columns"], SCAN["rows"], stream)
-    kev, views = energy_of_water(mu), SCAN["views"]
+    phantom = build(one, resource(one.layout), taken["columns"], taken["rows"], stream)
+    kev, views = energy_of_water(mu), taken["views"]
     scan = scan_section(
-        one, ProofScan(**SCAN), views, SCAN["photons"], SCAN["rotation_time_ms"], kev, hidden_settings(truth)
+        one, ProofScan(**taken), views, taken["photons"], taken["rotation_time_ms"], kev, hidden_settings(truth)
     )
     write(
         folder,
         truth["case"],
         scan,
-        acquire(scan, one, phantom.fine, mu, SCAN["repeats"], scan_seed(seed, truth["number"])),
+        acquire(scan, one, phantom.fine, mu, taken["repeats"], scan_seed(seed, truth["number"])),
     )
     write_nifti(phantom.image, folder / "image.nii.gz")
-    settings = RecordingSettings(2, 1, {}, nominal_photons=SCAN["photons"], baseline=baseline or {})
+    settings = RecordingSettings(2, 1, {}, nominal_photons=taken["photons"], baseline=baseline or {})
     return FitSettings(str(folder), settings, mu, one.stated, config.seed, protocol=None)
 
 

@@ -46,7 +46,8 @@ def test_correct_object_passes_the_check_and_another_fails(tmp_path):
 def test_mismatch_at_edges_of_voxels_is_reported(tmp_path):
     folder = bench(tmp_path, {})
     path = drawn(tmp_path / "labels.nii.gz", 1.0)
-    found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["scatter"], check_setup=False)
+    known = dict(samples=2, effects=["scatter"], check_setup=False, object_exact=True)
+    found = vp.diagnose(folder, labels=(path, MATERIALS), **known)
     assert of_voxels(found) == [
         "The remaining mismatch lies along edges, as caused by the voxels of labels.nii.gz (1 mm); finer voxels or an "
         "object of shapes would show whether anything else remains (docs/how-to/objects.md)."
@@ -55,7 +56,7 @@ def test_mismatch_at_edges_of_voxels_is_reported(tmp_path):
 
 def test_mask_without_fractional_voxels_is_reported_at_edges(tmp_path):
     folder = bench(tmp_path, {}, CYLINDERS[:1])
-    known = dict(samples=2, effects=["scatter"], check_setup=False, alignment={"scale": 1.0})
+    known = dict(samples=2, effects=["scatter"], check_setup=False, alignment={"scale": 1.0}, object_exact=True)
     whole = vp.diagnose(folder, mask=(drawn(tmp_path / "whole.nii.gz", 1.0, 1), "pmma"), **known)
     (line,) = of_voxels(whole)
     assert "whole.nii.gz (1 mm); finer voxels, shares of voxels (0 to 1) or an object of shapes" in line

@@ -78,7 +78,8 @@ def diagnose(
         Relevance thresholds that replace defaults of `diagnosis.matters`.
     **settings
         Settings of `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
-        `location`, `slices`, `check_setup`, `object_may_differ`, `baseline`, `simulation_energy_kev`.
+        `location`, `slices`, `check_setup`, `object_may_differ`, `object_exact`, `object_uncertainty`, `baseline`,
+        `simulation_energy_kev`.
 
     Returns
     -------

@@ -196,7 +196,7 @@ def find_missing_physics(
     fitted = prepared.pieces(choice.chosen.fit) if pieces else ()
     pieces = [replace(change, words=piece.words, piece=piece) for change, piece in zip(pieces, fitted, strict=True)]
     errors = errors_with_models(prepared.fitter, choice.chosen.fit, choice.without, accuracy)
-    found = diagnose(name, prepared, replace(choice, errors=errors), pieces, changes)
+    found = diagnose(name, prepared, replace(choice, errors=errors), pieces, changes, effects)
     progress.reached(JUDGED)
     return found
 

@@ -71,6 +71,32 @@ class UnknownObject:
 
 
 @dataclass(frozen=True)
+class ObjectUncertainty:
+    """Standard deviations of errors of the stated object.
+
+    Attributes
+    ----------
+    density : float
+        Relative, of the density of each material.
+    hu : float
+        HU of a phantom.
+    surface_mm : float
+        Location of the surface of each material of a label map or of shapes, mm.
+    materials : dict of str to float
+        {material: relative standard deviation of its density}, which replaces `density`.
+    """
+
+    density: float = 0.01
+    hu: float = 5.0
+    surface_mm: float = 0.1
+    materials: dict[str, float] = field(default_factory=dict)
+
+    def density_of(self, material: str) -> float:
+        """Return the relative standard deviation of a material's density."""
+        return self.materials.get(material, self.density)
+
+
+@dataclass(frozen=True)
 class RecordingSettings:
     """Section diagnosis.recordings.<name>.
 
@@ -100,6 +126,8 @@ class RecordingSettings:
         Whether the set-up of the scan is checked first.
     object_may_differ : bool or float
         See run.find_missing_physics.
+    object_exact : bool
+        Whether the object is known exactly; otherwise with the errors of `object_uncertainty`.
     baseline : mapping
         Declared physics, {effect: {parameter: {value, sd}}} (fitting.priors).
     effects : tuple of str or None
@@ -121,6 +149,8 @@ class RecordingSettings:
     slices: tuple[int, ...] | None = None
     check_setup: bool = False
     object_may_differ: bool | float = False
+    object_exact: bool = False
+    object_uncertainty: ObjectUncertainty = field(default_factory=ObjectUncertainty)
     baseline: Baseline = field(default_factory=dict)
     effects: tuple[str, ...] | None = None
     physics_from: str | None = None

@@ -102,6 +102,7 @@ def recording_lines(content: Mapping, stated: Mapping[str, float] | None = None)
         _caution(content),
         contradiction(content),
         _corrected_object(content),
+        _object_errors(content),
         _location(content, stated or {}),
         _source(content),
         _below_thresholds(content, below),
@@ -144,6 +145,8 @@ def _rivals(content: Mapping, name: str) -> list[str]:
     rivals = _shortened([effect_name(rival) for rival in content["ambiguous_with"].get(name, [])])
     if other := content.get("outside", {}).get(name):
         rivals.append(f"an unmodeled change that {other['what']}")
+    if other := content.get("object_alternatives", {}).get(name):
+        rivals.append(other["what"])
     return rivals
 
 
@@ -224,6 +227,14 @@ def _corrected_object(content: Mapping) -> VerdictLine | None:
     found = content.get("object", {})
     pieces = [piece_text(piece) for piece in found["pieces"]] if found.get("mended") else []
     return _line("Object corrected before the fit", enumerated(pieces), rank=2)
+
+
+def _object_errors(content: Mapping) -> VerdictLine | None:
+    """Return the errors of the object that the data need, and the effects that explain them too."""
+    found = content.get("object_errors", {})
+    alike = " or ".join(_shortened([effect_name(name) for name in found.get("imitated_by", [])]))
+    text = found.get("what", "") + (f"; {alike} would explain this, too" if alike else "")
+    return _line("Object as fitted", text, rank=3)
 
 
 def piece_text(piece: Mapping) -> str:

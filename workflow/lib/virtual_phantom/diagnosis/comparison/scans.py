@@ -113,8 +113,9 @@ def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.
     transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))
     scale, offset = fit.nuisance["scale"], fit.nuisance["offset"]
     lines = (offset + pattern - scale * np.log(transmission) for transmission in transmissions)
-    numerical = prepared.fitter.model.distortion(fit.nuisance, fit.linearization)
-    return np.stack([(line + numerical).astype(np.float32) for line in lines])
+    model = prepared.fitter.model
+    errors = model.distortion(fit.nuisance, fit.linearization) + model.object_errors.lines(fit.nuisance)
+    return np.stack([(line + errors).astype(np.float32) for line in lines])
 
 
 class Reconstruction:

@@ -189,6 +189,19 @@ class Model(ABC):
         return {}
 
     @property
+    def object_error_names(self) -> tuple[str, ...]:
+        """Names of the nuisance parameters that are errors of the stated object."""
+        return ()
+
+    def with_exact_object(self) -> Model:
+        """Return the model without errors of the stated object."""
+        return self
+
+    def object_changes(self, data: Observed) -> np.ndarray:
+        """Return the whitened changes of the mean per unit of `object_error_names`, shape (numbers, data)."""
+        return np.zeros((0, data.mean.size))
+
+    @property
     def source_angles_rad(self) -> np.ndarray | None:
         """Direction of the source in every view, shape (views,); None for images."""
         return None

@@ -208,18 +208,19 @@ class Problem:
         return physics, {number.name: float(value) for number, value in aligned}
 
     def solve_scale_and_offset(self, point: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return a point with the best density scale and air offset, in closed form, and its residuals by part.
+        """Return a point with the best density scale, air offset and errors of the object, and its residuals by part.
 
-        Predictions are linear in both, and both compensate for part of most effects. Without this step, fits converge
+        Predictions are linear in these, and they compensate for part of most effects. Without this step, fits converge
         slowly along narrow, curved valleys.
         """
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         residuals = less_pattern(self.data.residuals(prediction), self.pattern, self.data)
-        first = len(self.unknowns)
-        index = [first + [number.name for number in self.nuisances].index(name) for name in ("scale", "offset")]
+        first, linear = len(self.unknowns), ("scale", "offset", *self.model.object_error_names)
+        index = [first + [number.name for number in self.nuisances].index(name) for name in linear]
         changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)
-        design, weight = np.stack([column.ravel() for column in changes]), self.weights[0]
+        design = np.stack([column.ravel() for column in changes])
+        design, weight = np.vstack([design, self.model.object_changes(self.data)]), self.weights[0]
         information = (design * weight) @ design.T + np.diag(self.prior_precision[index])
         gradient = (design * weight) @ residuals[0] + self.prior_precision[index] * (self.center[index] - point[index])
         step = bounded_step(information, gradient, point[index], self.low[index], self.high[index])
@@ -275,11 +276,18 @@ class Problem:
 
     def derivative(self, index: int, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray]:
         """Return the change of predictions per unit of one number, by part, as a one-sided difference."""
+        if (name := self._name(index)) in self.model.object_error_names:
+            change = self.model.object_changes(self.data)[self.model.object_error_names.index(name)]
+            return [change, *(np.zeros_like(part) for part in residuals[1:])]
         step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
         moved = point.copy()
         moved[index] += step
         there = self.residuals(moved, SLOPE_REACH if self.moving[index] else 1.0)
         return [(before - after) / step for before, after in zip(residuals, there, strict=True)]
+
+    def _name(self, index: int) -> str | None:
+        """Return the name of a nuisance parameter; None for an effect's variable."""
+        return None if index < len(self.unknowns) else self.nuisances[index - len(self.unknowns)].name
 
 
 def nuisance_step(number: Nuisance) -> float:

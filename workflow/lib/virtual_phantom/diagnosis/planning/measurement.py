@@ -180,8 +180,8 @@ class FurtherScan:
     def _aligned(self, model: ScansModel, fit: Fit) -> tuple[Nuisance, ...]:
         found = []
         for number in model.base_nuisances:
-            if number.name in model.distortions:
-                continue  # more rays and smaller voxels make them small
+            if number.name in (*model.distortions, *model.object_error_names):
+                continue  # more rays, smaller voxels and a known object make them small
             expected = number.expected
             if number.name == "log_photons":
                 expected = fit.nuisance[number.name] + np.log(self.photons)

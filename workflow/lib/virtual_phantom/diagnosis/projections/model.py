@@ -18,6 +18,7 @@ from ..fitting.nuisance import Nuisance, pose_of
 from ..noise.condensed import Prediction
 from .discretization import Numerical, inclusions_of
 from .local_mismatch import Piece
+from .object_errors import ObjectErrors
 from .observed import ObservedScans, white_shape
 
 
@@ -44,6 +45,8 @@ class ScansModel(Model):
         See Model.
     numerical : Numerical, optional
         Discretization errors. Each is fitted as a distortion of the line integrals, because it is systematic.
+    object_errors : ObjectErrors, optional
+        Errors of the stated object. They are nuisance parameters, too.
 
     Attributes
     ----------
@@ -52,9 +55,17 @@ class ScansModel(Model):
     """
 
     def __init__(
-        self, chain: Chain, nuisances: tuple[Nuisance, ...], *, numerical: Numerical | None = None, **settings
+        self,
+        chain: Chain,
+        nuisances: tuple[Nuisance, ...],
+        *,
+        numerical: Numerical | None = None,
+        object_errors: ObjectErrors | None = None,
+        **settings,
     ):
-        super().__init__(chain, nuisances, **settings)
+        self.object_errors = object_errors or ObjectErrors()
+        numbers = (*nuisances, *self.object_errors.edge_numbers, *self.object_errors.numbers)
+        super().__init__(chain, numbers, **settings)
         self.numerical = numerical
         self.pieces: Mapping[str, Inclusion] = {}
 
@@ -70,17 +81,35 @@ class ScansModel(Model):
     @property
     def distortions(self) -> tuple[str, ...]:
         """See Model.distortions."""
-        return () if self.numerical is None else self.numerical.names
+        numerical = () if self.numerical is None else self.numerical.names
+        return (*numerical, *self.object_errors.edges)
 
     def distortion(self, nuisance: Mapping[str, float], linearization: Linearization = BASE) -> np.ndarray | float:
         """See Model.distortion."""
-        if self.numerical is None:
-            return 0.0
         return sum(nuisance[name] * change for name, change in self.discretization_errors(linearization).items())
 
     def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """See Model.discretization_errors."""
-        return {} if self.numerical is None else self.numerical.at(linearization.errors)
+        numerical = {} if self.numerical is None else self.numerical.at(linearization.errors)
+        return numerical | dict(self.object_errors.edges)
+
+    @property
+    def object_error_names(self) -> tuple[str, ...]:
+        """See Model.object_error_names."""
+        return self.object_errors.names
+
+    def with_exact_object(self) -> ScansModel:
+        """See Model.with_exact_object."""
+        found = copy.copy(self)
+        found.object_errors = ObjectErrors(edges=self.object_errors.edges)
+        found.base_nuisances = tuple(
+            number for number in self.base_nuisances if number.name not in self.object_error_names
+        )
+        return found
+
+    def object_changes(self, data: ObservedScans) -> np.ndarray:
+        """See Model.object_changes."""
+        return self.object_errors.whitened(data)
 
     @property
     def source_angles_rad(self) -> np.ndarray:
@@ -93,7 +122,7 @@ class ScansModel(Model):
     ) -> bool:
         """See Model.needs_relinearization."""
         lines = prediction.design[0]
-        return bool(self.distortions) and self.numerical.needs_relinearization(
+        return bool(self.numerical and self.numerical.names) and self.numerical.needs_relinearization(
             errors, lines, weights.reshape(lines.shape)
         )
 
@@ -109,6 +138,8 @@ class ScansModel(Model):
         above, variance = state.log_noise()
         lines = state.line_integrals()
         mean = nuisance["scale"] * lines + nuisance["offset"] + self.distortion(nuisance, linearization) + above
+        if self.object_errors.numbers:
+            mean += self.object_errors.lines(nuisance)
         ratio = np.where(data.usable, variance / data.reference, 0)
         correlation = data.correlation  # None for a single repeat
         if correlation is not None and np.isfinite(correlation).any():

@@ -29,6 +29,7 @@ from .discretization import Numerical
 from .local_mismatch import FitResidual, Piece, best_piece, object_radius_mm, refined_piece
 from .lost_rays import lost_rays_remark, truncation_of
 from .model import ScansModel
+from .object_errors import ObjectErrors, StatedObject
 from .observed import PARTS, ObservedScans, Scans, mean_squares, observe, with_noise_of_views
 from .residual_maps import domain_tests, excess_at_edges
 
@@ -234,6 +235,7 @@ def prepare(
     voxels: str | None = None,
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
     location: Mapping[str, float] | None = None,
+    uncertain: StatedObject | None = None,
 ) -> PreparedScans:
     """Estimate noise, numerical errors and alignment of a recording.
 
@@ -256,6 +258,8 @@ def prepare(
         See Model.
     location : mapping of str to float, optional
         See fitting.nuisance.nuisances.
+    uncertain : StatedObject, optional
+        Uncertainty of the object; None: the object is exact.
 
     Raises
     ------
@@ -300,7 +304,8 @@ def prepare(
     whole = observe(taken, reference, blocks)
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
-    left = numerical.left(LinearizationPoint({}, location or {}))
+    errors = ObjectErrors() if uncertain is None else uncertain.errors(chain.geometry, chain.samples, place)
+    left = (*numerical.left(LinearizationPoint({}, location or {})), *errors.left)
     fitted, held, words = split(taken, further)
     if single:
         correlations = of_state(chain.state(stated, place, photons=photons, anode=anode))
@@ -332,7 +337,7 @@ def prepare(
         location,
     )
     label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
-    model = ScansModel(chain, aligned, numerical=numerical, **label)
+    model = ScansModel(chain, aligned, numerical=numerical, object_errors=errors, **label)
     fitter = Fitter(model, data, held_out, weighed, floor)
     more = {"step": step, "time_remark": time_remark, "voxels": voxels, "second_difference": between}
     return PreparedScans(fitter, data, held_out, variance, words, single, photons, **more)

@@ -19,6 +19,7 @@ from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
 from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, with_verdict_text
+from .object_alternative import imitating_effects, object_alternatives
 from .object_mismatch import content_of, excess
 from .unmodeled import ChangesOfFits, better_changes, kinds_test
 from .warnings import caveats, doubts, effects_at_bounds, statements
@@ -29,6 +30,7 @@ OBJECT_TURNED = (
     "scan the object again, rotated by 90 degrees about z; a mismatch of the object rotates with it, a mismatch of the "
     "scanner does not"
 )
+OTHER_OBJECT = "to distinguish {} from an error of the object, scan another object, use another tube voltage"
 VERDICTS = (MATCH, "mismatch explained", "mismatch partly explained", UNEXPLAINED)
 
 
@@ -67,6 +69,7 @@ def diagnose(
     choice: Choice,
     pieces: Sequence[Change] = (),
     changes: ChangesOfFits | None = None,
+    tried: Sequence[str] = (),
 ) -> Diagnosis:
     """Judge a choice of effects on held-out data.
 
@@ -78,6 +81,8 @@ def diagnose(
         Pieces of the object that were corrected before the fit.
     changes : ChangesOfFits, optional
         Cache that holds the changes computed in the selection.
+    tried : sequence of str, optional
+        Candidate effects.
     """
     fitter, changes = prepared.fitter, changes or ChangesOfFits()
 
@@ -110,6 +115,9 @@ def diagnose(
     at_bounds = effects_at_bounds(choice.chosen.fit, fitter.model)
     if effects and set(effects) == set(at_bounds):
         verdict = UNEXPLAINED
+    alternatives = object_alternatives(fitter, choice)
+    object_errors = {} if effects or left else imitating_effects(fitter, choice.baseline, tried)
+    like_object = [*alternatives, *object_errors.get("imitated_by", [])]
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}
     content = {
         "recording": recording,
@@ -121,6 +129,8 @@ def diagnose(
             name: {"what": change.words, "better_by": change.gain - choice.gains[name], "z": change.z}
             for name, change in outside.items()
         },
+        "object_alternatives": alternatives,
+        "object_errors": object_errors,
         "ruled_out": choice.ruled_out,
         "undecided": choice.undecided,
         "alignment": {
@@ -135,7 +145,7 @@ def diagnose(
         "doubts": doubted,
         "at_bounds": at_bounds,
         "declared": known,
-        "next_measurement": next_measurements(choice, bool(left), prepared.display.ranked),
+        "next_measurement": next_measurements(choice, bool(left), prepared.display.ranked, like_object),
         "held_out_data": prepared.held_out_text,
         "noise_from_one_repeat": prepared.single,
         "caveats": caveats(prepared, choice, fitter.model.tube_kvp, left),
@@ -271,7 +281,7 @@ def _location(place: DomainTest) -> dict:
     return {"domain": place.domain, "where": place.where, "z": place.z, "p": place.p, "map": f"{place.domain}.npy"}
 
 
-def next_measurements(choice: Choice, something_left: bool, ranked: bool) -> list[str]:
+def next_measurements(choice: Choice, something_left: bool, ranked: bool, like_object: Sequence[str] = ()) -> list[str]:
     """Return the measurements that would settle the verdict, as instructions.
 
     Parameters
@@ -279,6 +289,8 @@ def next_measurements(choice: Choice, something_left: bool, ranked: bool) -> lis
     ranked : bool
         Whether further recordings of this kind can be ranked (`snakemake next_measurement`). If not, the tests of each
         ambiguous effect and of its alternatives are listed.
+    like_object : sequence of str, optional
+        Effects that errors of the object explain as well.
     """
     found = [OBJECT_TURNED] if choice.piece else []
     for name in choice.chosen.fit.effects:
@@ -294,6 +306,7 @@ def next_measurements(choice: Choice, something_left: bool, ranked: bool) -> lis
                 for rival in rivals
                 for tested in (name, rival)
             ]
+    found += [f"{OTHER_OBJECT.format(effect_name(name))}, or {load(name).settled_by}" for name in like_object]
     if something_left and not found:
         found = ["repeat the scan after air and geometry calibration, to see whether the mismatch remains"]
     return list(dict.fromkeys(found))

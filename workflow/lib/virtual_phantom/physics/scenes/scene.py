@@ -8,6 +8,7 @@ from collections.abc import Hashable
 from dataclasses import replace
 
 import numpy as np
+from scipy import ndimage
 
 from ...base.geometry import Grid, ScanGeometry
 from ...base.pose import IN_PLACE, Pose, turned_back
@@ -20,6 +21,9 @@ DISC_ENERGY_KEV = 60.0  # default energy of the monochromatic beam: about the me
 # Continuation of a cut object: smallest amount of material in the last slice that counts as matter (air of a real scan
 # is not empty), and largest number of slices.
 MIN_CUT_AMOUNT, MAX_EXTENSION = 0.25, 32
+# Surfaces of binary voxels: SD of the Gaussian, voxels, which smooths terraces; margin for it, voxels; and the least
+# change per voxel next to a surface.
+SURFACE_SIGMA, MARGIN, LEAST_SLOPE = 2.5, 3, 0.02
 
 
 class Scene:
@@ -99,6 +103,55 @@ class GridScene(Scene):
     def slopes(self, rays: Rays) -> np.ndarray:
         """As Voxels.slopes."""
         return self._voxels.slopes(rays, self.threads)
+
+    def with_partial_volumes(self) -> GridScene:
+        """Return the scene with partial volumes at surfaces, for voxels that have one material or none.
+
+        The surface of a material is where its smoothed amount is 0.5. The smoothing 2 G - G^2 by a Gaussian G does not
+        displace curved surfaces, to first order. The partial volume follows from the distance of the voxel from the
+        surface.
+        """
+        amounts = np.pad(self._fractions, ((0, 0), (0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)))
+        every = np.concatenate([amounts, 1 - amounts.sum(axis=0, keepdims=True)])  # the last one is empty space
+        for share in every:
+            once = ndimage.gaussian_filter(share, SURFACE_SIGMA, mode="nearest")
+            smooth = 2 * once - ndimage.gaussian_filter(once, SURFACE_SIGMA, mode="nearest")
+            slope = np.sqrt(sum(np.gradient(smooth, axis=axis) ** 2 for axis in range(3) if share.shape[axis] > 1))
+            there = slope > LEAST_SLOPE
+            share[there] = np.clip(0.5 + (smooth[there] - 0.5) / slope[there], 0, 1)
+        every /= np.maximum(every.sum(axis=0), LEAST_SLOPE)
+        return self._with(every[:-1])
+
+    def blurred(self) -> GridScene:
+        """Return the scene blurred by weights (1, 2, 1) / 4 along each axis."""
+        amounts = np.pad(self._fractions, ((0, 0), (0, 0), (1, 1), (1, 1)))
+        for axis in (1, 2, 3):
+            amounts = ndimage.convolve1d(amounts, np.array([1, 2, 1]) / 4, axis, mode="nearest")
+        return self._with(amounts)
+
+    def growth(self) -> GridScene:
+        """Return the scene with the change of attenuation, 1/mm, if the surface of each material grows by 1 mm.
+
+        The neighbors of the material shrink.
+        """
+        amounts = np.pad(self._fractions, ((0, 0), (0, 0), (1, 1), (1, 1)))
+        axes = [axis for axis in range(3) if amounts.shape[axis + 1] > 1]
+        spacing = [self.grid.spacing[axis] for axis in axes]
+        total = np.gradient(np.tensordot(self.attenuation_per_mm, amounts, 1), *spacing, axis=axes)
+        changes = np.zeros_like(amounts)
+        for change, amount in zip(changes, amounts, strict=True):
+            slopes = np.gradient(amount, *spacing, axis=axes)
+            steep = np.sqrt(sum(slope**2 for slope in slopes))
+            along = sum(slope * other for slope, other in zip(slopes, total, strict=True))
+            change[...] = np.divide(along, steep, out=change, where=steep > 0)
+        return self._with(changes)
+
+    def _with(self, amounts: np.ndarray) -> GridScene:
+        """Return the scene with other amounts, on a grid with the same center."""
+        scene = copy.copy(self)
+        scene._fractions, scene._voxels = amounts, Voxels(amounts)
+        scene.grid = replace(self.grid, shape=amounts.shape[1:])
+        return scene
 
     @property
     def is_binary(self) -> bool:

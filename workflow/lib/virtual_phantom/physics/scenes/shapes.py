@@ -6,7 +6,7 @@ There is no voxel size, and edges are ideally sharp.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from ..beam.materials import Material
 from .scene import DISC_ENERGY_KEV, Scene
 
 NOTHING = "nothing"  # material of a hole: no attenuation, like the air around the object
+ROUNDING = 1e-9  # eigenvalues below this share are zero: directions without a limit
+ROOM = 4.0  # growth of Shape.around over that of the surface, for corners
 MARGIN_MM = 1e-3  # margin of Shape.around: more than rounding errors for a distant source
 
 
@@ -42,6 +44,26 @@ class Shape:
     planes: np.ndarray
     quadric: np.ndarray | None = None
     around: tuple[float, float, float, float, float] = (0.0, 0.0, np.inf, -np.inf, np.inf)
+
+    def grown(self, by_mm: float) -> Shape:
+        """Return the shape with its surface displaced outwards by a small distance; ellipsoids to first order."""
+        planes = self.planes + [0, 0, 0, by_mm]
+        x, y, radius, low, high = self.around
+        more = ROOM * by_mm
+        around = (x, y, radius + more, low - more, high + more)
+        if self.quadric is None:
+            return replace(self, planes=planes, around=around)
+        matrix, center = self.quadric[:3, :3], -np.linalg.pinv(self.quadric[:3, :3]) @ self.quadric[:3, 3]
+        constant = self.quadric[3, 3] + self.quadric[3, :3] @ center
+        values, axes = np.linalg.eigh(matrix)
+        if values[0] < -ROUNDING:  # a cone, whose apex moves along its axis
+            slope = np.sqrt(-values[0])
+            quadric = _quadric(matrix, center + self.planes[0, :3] * by_mm * np.hypot(1, slope) / slope, 0.0)
+        else:
+            half = np.sqrt(-constant / np.where(values > ROUNDING * values[2], values, np.inf))
+            squares = np.divide(1, (half + by_mm) ** 2, out=np.zeros(3), where=half > 0)
+            quadric = _quadric((axes * squares) @ axes.T, center, -1.0)
+        return replace(self, planes=planes, quadric=quadric, around=around)
 
 
 def half_space(material: Material, point_mm: Sequence[float], outwards: Sequence[float]) -> Shape:
@@ -215,7 +237,7 @@ class ShapesScene(Scene):
         self.materials = tuple(dict.fromkeys(shape.material for shape in shapes if shape.material != NOTHING))
         if not self.materials:
             raise InputError(f"shapes: no shape has a material; give at least one a material other than '{NOTHING}'")
-        self.energy_kev, self.threads = energy_kev, threads
+        self.energy_kev, self.threads, self.shapes = energy_kev, threads, tuple(shapes)
         index = {material: number for number, material in enumerate(self.materials)} | {NOTHING: -1}
         no_quadric = np.zeros((4, 4))
         self._shapes = Shapes(
@@ -226,6 +248,11 @@ class ShapesScene(Scene):
             material=np.array([index[shape.material] for shape in shapes]),
             around=np.array([shape.around for shape in shapes], float),
         )
+
+    def grown(self, material: Material, by_mm: float) -> ShapesScene:
+        """Return the scene with the shapes of a material grown, as Shape.grown."""
+        shapes = [shape.grown(by_mm) if shape.material == material else shape for shape in self.shapes]
+        return ShapesScene(shapes, self.energy_kev, self.threads)
 
     @property
     def radius_mm(self) -> float:

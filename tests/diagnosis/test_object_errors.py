@@ -1,0 +1,193 @@
+"""Errors of the stated object: templates in closed form, fits within their priors, and alternatives to effects."""
+
+from functools import cache
+
+import jsonschema
+import numpy as np
+import pytest
+from drawn_objects import CYLINDERS, ENERGY_KEV, MATERIALS, drawn
+from drawn_objects import GEOMETRY as FAN
+from simulated_scans import scans_of
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.units import hu_to_attenuation
+from virtual_phantom.diagnosis.fitting.trial import trial
+from virtual_phantom.diagnosis.projections import prepared
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.projections.object_errors import StatedObject
+from virtual_phantom.diagnosis.run import find_missing_physics
+from virtual_phantom.diagnosis.scanned_object import labelled_scene
+from virtual_phantom.diagnosis.settings import ObjectUncertainty
+from virtual_phantom.io import documents
+from virtual_phantom.io.schema import defaults_of
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.beam.materials import Mixture, Segmentation, attenuation_per_mm
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.scenes import shapes
+from virtual_phantom.physics.scenes.labeled import read_label_map
+from virtual_phantom.physics.scenes.scene import VoxelScene
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
+
+PHOTONS, MU_WATER = 1e5, 0.02
+GEOMETRY = circular(
+    views=24,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=41,
+    rows=2,
+    column_pitch_mm=10.0,
+    row_pitch_mm=10.0,
+    view_interval_ms=10.0,
+)
+TEFLON = Mixture("teflon", 2.16, "C2F4")
+
+
+def shapes_scene(teflon=TEFLON):
+    """Cylinder of water with a rod of PTFE."""
+    return ShapesScene([cylinder("water", (0, 0, 0), 90), cylinder(teflon, (50, 0, 0), 20)])
+
+
+def ready(uncertainty, denser=1.0, physics=None, seed=1):
+    """Scan whose PTFE is denser than stated, prepared with this uncertainty (None: exact)."""
+    scanned = shapes_scene(Mixture("teflon", denser * TEFLON.density_g_per_cm3, "C2F4"))
+    state = Chain(scanned, GEOMETRY, PHOTONS, samples=8).state(physics or {})
+    taken = scans_of(state, 4, np.random.default_rng(seed))
+    model, floor = model_and_floor(shapes_scene(), GEOMETRY, 4, photons=PHOTONS)
+    uncertain = None if uncertainty is None else StatedObject(shapes_scene(), uncertainty, MU_WATER)
+    options = {"floor_chain": floor, "nominal_photons": PHOTONS, "uncertain": uncertain}
+    return prepared.prepare(taken, None, model, **options)
+
+
+@cache
+def content(exact, denser=1.0, scatter=0.0):
+    physics = {"scatter": {"amount": scatter, "width_mm": 60.0}} if scatter else None
+    data = ready(None if exact else ObjectUncertainty(), denser, physics)
+    accuracy = defaults_of("diagnosis", "model_accuracy")
+    found = find_missing_physics("bench", data, ("scatter", "dark_signal"), accuracy).content
+    jsonschema.validate(found, documents.schema_of_kind("diagnosis"))
+    return found
+
+
+def test_the_change_by_a_density_is_the_line_integral_of_its_material():
+    errors = StatedObject(shapes_scene(), ObjectUncertainty(), MU_WATER).errors(GEOMETRY, 1)
+    assert errors.names == ("density_of_water", "density_of_teflon", "surface_of_water", "surface_of_teflon")
+    through = errors.changes[:, 6, :, 20].mean(axis=1)  # a view along x, through both centers
+    water, teflon = (attenuation_per_mm(material, [60.0])[0] for material in ("water", TEFLON))
+    assert through[:2] == pytest.approx([water * 140, teflon * 40], rel=1e-3)
+    assert through[2:] == pytest.approx([2 * water, 2 * (teflon - water)], rel=1e-2)
+
+
+def test_surfaces_of_shapes_and_of_voxels_grow_alike():
+    grid = Grid((4, 200, 200), (4.0, 1.0, 1.0))
+    _, y, x = grid.axes_mm()
+    body, rod = (
+        np.broadcast_to(np.clip(radius + 0.5 - np.hypot(x - at, y[:, None]), 0, 1), grid.shape)
+        for radius, at in ((90, 0), (20, 50))
+    )
+    scene = VoxelScene(np.stack([body * (1 - rod), rod]).astype(np.float32), grid, ("water", TEFLON), 60.0)
+    found = [StatedObject(one, ObjectUncertainty(), MU_WATER).errors(GEOMETRY, 3) for one in (shapes_scene(), scene)]
+    of_shapes, of_voxels = (errors.changes[2:].sum(axis=(1, 3)) for errors in found)
+    assert of_voxels[1] == pytest.approx(of_shapes[1], rel=0.05)
+    # Water in voxels also grows into the rod; shapes are drawn over each other.
+    assert of_voxels[0] == pytest.approx(of_shapes[0] - of_shapes[1], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("shape", "grown"),
+    [
+        (shapes.ellipsoid("water", (5, 0, 0), (30, 30, 30)), shapes.ellipsoid("water", (5, 0, 0), (31, 31, 31))),
+        (shapes.cylinder("water", (5, 0, 0), 30, 20), shapes.cylinder("water", (5, 0, 0), 31, 22)),
+        (shapes.box("water", (5, 0, 0), (30, 40, 20), 20), shapes.box("water", (5, 0, 0), (32, 42, 22), 20)),
+        (
+            shapes.cone("water", (5, 0, -8), 30, 6, 18, (0, 0.6, 0.8)),
+            shapes.cone(
+                "water",
+                np.add((5, 0, -8), np.multiply(-1, (0, 0.6, 0.8))),
+                30 + 5 / 3 + 4 / 3,
+                6 + 5 / 3 - 4 / 3,
+                20,
+                (0, 0.6, 0.8),
+            ),
+        ),
+    ],
+)
+def test_a_grown_shape_has_its_surface_displaced(shape, grown):
+    lengths = [ShapesScene([one]).path_lengths(GEOMETRY) for one in (shape.grown(1.0), grown)]
+    assert lengths[1].max() > 20
+    assert lengths[0] == pytest.approx(lengths[1], abs=1e-3)
+
+
+def test_the_changes_by_hu_of_all_values_add_up_to_a_change_of_all_hu():
+    grid = Grid((2, 40, 40), (5.0, 5.0, 5.0))
+    hu = np.random.default_rng(3).uniform(-690, 1900, grid.shape).astype(np.float32)
+    scene = VoxelScene.of(Volume(hu, grid), Segmentation("water", None), MU_WATER)
+    errors = StatedObject(scene, ObjectUncertainty(), MU_WATER, Volume(hu, grid)).errors(GEOMETRY, 1)
+    denser = VoxelScene.of(Volume(hu + 10, grid), Segmentation("water", None), MU_WATER)
+    lines = [Chain(one, GEOMETRY).state({}).line_integrals() for one in (scene, denser)]
+    assert 10 * errors.changes.sum(axis=0) == pytest.approx(lines[1] - lines[0], abs=1e-4)
+    assert hu_to_attenuation(np.array([10.0]), MU_WATER) - MU_WATER == pytest.approx(10 * MU_WATER / 1000)
+    sds = {number.name: number.sd for number in errors.numbers}
+    assert sds["hu_near_50"] == 5
+    assert sds["hu_near_1000"] == pytest.approx(np.hypot(5, 20))
+
+
+def test_a_material_that_the_object_does_not_have_is_rejected():
+    uncertainty = ObjectUncertainty(materials={"tefon": 0.02})
+    with pytest.raises(InputError, match="object_uncertainty.materials: the object has no material 'tefon'"):
+        StatedObject(shapes_scene(), uncertainty, MU_WATER).errors(GEOMETRY, 1)
+    disc = ShapesScene([cylinder("water", (0, 0, 0), 90)])
+    with pytest.raises(InputError, match=r"use alignment: \{scale: SD\}"):
+        StatedObject(disc, ObjectUncertainty(materials={"water": 0.02}), MU_WATER).errors(GEOMETRY, 1)
+
+
+def test_an_exact_object_has_no_errors_and_a_single_material_only_a_scale():
+    disc = ShapesScene([cylinder("water", (0, 0, 0), 90)])
+    assert StatedObject(disc, ObjectUncertainty(), MU_WATER).errors(GEOMETRY, 1).names == ()
+    assert ready(None).fitter.model.object_error_names == ()
+
+
+def test_a_density_within_its_uncertainty_is_fitted_and_no_effect_named():
+    fit = trial(ready(ObjectUncertainty(), denser=1.015).fitter, ()).fit
+    assert fit.nuisance["density_of_teflon"] == pytest.approx(0.015, abs=3 * fit.nuisance_errors["density_of_teflon"])
+    assert fit.nuisance_errors["density_of_teflon"] < 0.005
+    found = content(False, denser=1.015)
+    assert found["verdict"] == "match"
+    assert "teflon that is" in found["object_errors"]["what"]
+    assert content(True, denser=1.015)["verdict"] != "match"
+
+
+def test_scatter_is_named_beside_an_uncertain_object():
+    found = content(False, scatter=0.05)
+    assert [effect["name"] for effect in found["effects"]] == ["scatter"]
+    assert found["object_errors"] == {}
+    amount = found["effects"][0]["parameters"]["amount"]
+    assert amount["ci95"][0] < 0.05 < amount["ci95"][1]
+    exact = content(True, scatter=0.05)["effects"][0]["parameters"]["amount"]
+    assert np.ptp(amount["ci95"]) > np.ptp(exact["ci95"])
+
+
+def test_effects_that_errors_of_the_object_imitate_are_reported():
+    found = content(False, scatter=0.01)
+    assert found["verdict"] == "match"
+    assert "scatter" in found["object_errors"]["imitated_by"]
+    assert any("scatter or dark signal would explain this, too" in line for line in found["verdict_lines"])
+    assert "another tube voltage, or repeat the scan with the beam collimated" in found["next_measurement"][0]
+
+
+def test_sharp_edges_in_voxels_are_a_match(tmp_path):
+    labels = drawn(tmp_path / "labels.nii.gz", 0.7)  # half a detector pixel
+    labelled = read_label_map(labels, {str(label): material for label, material in MATERIALS.items()})
+    scene = labelled_scene(labelled, ENERGY_KEV)
+    true = ShapesScene([cylinder(*one) for one in CYLINDERS], ENERGY_KEV)
+    state = Chain(true, FAN, PHOTONS, samples=10).state({})
+    taken = scans_of(state, 4, np.random.default_rng(1))
+    verdicts = []
+    for uncertain in (StatedObject(scene, ObjectUncertainty(), MU_WATER), None):
+        model, floor = model_and_floor(scene, FAN, 2, photons=PHOTONS)
+        options = {"floor_chain": floor, "nominal_photons": PHOTONS, "uncertain": uncertain}
+        data = prepared.prepare(taken, None, model, **options)
+        accuracy = defaults_of("diagnosis", "model_accuracy")
+        verdicts.append(find_missing_physics("bench", data, ("scatter",), accuracy).content["verdict"])
+    assert verdicts[0] == "match"
+    assert verdicts[1] != "match"

@@ -1,0 +1,105 @@
+"""Errors of the stated object as an alternative to missing physics, and physics as an alternative to such errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...physics.effect import applicable_effects
+from ..fitting.fit import Fit, Fitter
+from ..fitting.problem import Problem, chi_square
+from ..fitting.steps import ScaledEigenvalues
+from ..fitting.trial import Trial
+from ..projections.object_errors import words_of
+from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
+from ..selection.screening import screened, stands_out
+from ..uncertainty.prediction_error import jacobians_of_halves
+
+FREED = 5.0  # factor of the stated standard deviations within which errors of the object are an alternative
+MOST_NAMED = 2  # errors that are named, by their share of the change
+
+
+@dataclass(frozen=True)
+class ObjectDifference:
+    """A difference of the object from its description.
+
+    Attributes
+    ----------
+    gain : float
+        Log score of held-out data that it gains.
+    errors : dict of str to float
+        Values of the parameters (object_errors.ObjectErrors).
+    what : str
+        Description of the largest errors.
+    """
+
+    gain: float
+    errors: dict[str, float]
+    what: str
+
+
+def object_alternatives(fitter: Fitter, choice: Choice) -> dict[str, dict]:
+    """Return differences of the object that explain the data as well as an effect, by effect.
+
+    Errors may be FREED times as large as stated. Gains are of first order.
+    """
+    found = {}
+    if not fitter.model.object_error_names:
+        return found
+    for effect, fit in choice.without.items():
+        difference = _freed(fitter, fit)
+        loses = choice.gains[effect] - difference.gain
+        if loses < max(AS_GOOD, choice.tolerance):
+            found[effect] = {"what": difference.what, "loses": loses, "errors": difference.errors}
+    return found
+
+
+def imitating_effects(fitter: Fitter, baseline: Trial, effects: Sequence[str], processes: int = 1) -> dict:
+    """Return the fitted errors of the object, and the effects that would explain the same with an exact object.
+
+    The result is empty if the data do not need errors of the object.
+    """
+    model = fitter.model
+    if not model.object_error_names:
+        return {}
+    exact = fitter.of(model.with_exact_object())
+    fit = exact.fit(())
+    gain = baseline.score - exact.score(fit)
+    if gain < LEAST_GAIN:
+        return {}
+    tried = applicable_effects(effects, model.with_declared_effects(()))
+    alike = screened(exact, fit, tried, processes) if tried else {}
+    names = [
+        name
+        for name, found in alike.items()
+        if stands_out(found, len(alike), 2 * LEAST_GAIN) and found.gain / 2 > gain - AS_GOOD
+    ]
+    errors = {name: baseline.fit.nuisance[name] for name in model.object_error_names}
+    sizes = np.linalg.norm(model.object_changes(fitter.data) * np.sqrt(fitter.weights[0]), axis=1)
+    return {"what": _words(errors, sizes), "gain": gain, "errors": errors, "imitated_by": names}
+
+
+def _freed(fitter: Fitter, fit: Fit) -> ObjectDifference:
+    """Return the difference of the object that explains most beyond a fit, to first order."""
+    problem = Problem.at(fitter, fit)
+    names = fitter.model.object_error_names
+    first = len(problem.unknowns)
+    place = [first + [number.name for number in problem.nuisances].index(name) for name in names]
+    problem.prior_precision[place] /= FREED**2
+    fitted, held = jacobians_of_halves(problem)
+    residuals = fitter.residuals(fit)
+    information, gradient = problem.normal(fitted, problem.start, fitter.residuals(fit, held_out=False))
+    step = ScaledEigenvalues.of(information).covariance @ gradient
+    after = [part - (step / problem.steps) @ rows for part, rows in zip(residuals, held, strict=True)]
+    gain = (chi_square(fitter.held_weights, residuals) - chi_square(fitter.held_weights, after)) / 2
+    errors = dict(zip(names, map(float, (problem.start + step)[place]), strict=True))
+    return ObjectDifference(gain, errors, _words(errors, np.sqrt(np.diag(information)[place])))
+
+
+def _words(errors: Mapping[str, float], sizes: np.ndarray) -> str:
+    """Return the errors that change the data most; `sizes` are the changes per unit."""
+    changes = {name: abs(error) * size for (name, error), size in zip(errors.items(), sizes, strict=True)}
+    largest = sorted(changes, key=changes.get, reverse=True)[:MOST_NAMED]
+    return " and ".join(words_of(name, errors[name]) for name in largest)
