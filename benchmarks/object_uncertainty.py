@@ -3,7 +3,8 @@
 Scans are by the simulator of the blind validation. With nothing hidden, the told object is changed; with a hidden
 effect, it is the known phantom of the validation. Finished cases of the output file are not repeated.
 
-Development seeds were 101 and 102. The results in docs/validation/limits.md are for the seeds 7201 and 7202.
+Development seeds were 101 and 102. The results in docs/validation/limits.md are for the 56 finished cases of the seeds
+7201 and 7202. The other cases have not been run.
 """
 
 import os
