@@ -16,7 +16,7 @@ from ..figures import diagnosis as figures
 from ..physics.effect import load
 from .agreement_table import agreement_table
 from .html import picture, render_diagnosis
-from .words import DOMAINS, NUISANCES, ONE_SIDED
+from .words import DOMAINS, ONE_SIDED, describe_nuisance
 
 STEPPED = "views"  # domain with one location per fitted view
 QUANTITIES = {"line_integral": "line integral", "hu": "HU"}  # by unit of the residuals
@@ -86,7 +86,7 @@ def diagnosis_page(diagnosis: Diagnosis, maps: tuple[np.ndarray, np.ndarray]) ->
         domains=DOMAINS,
         quantities={name: text.replace("{} ", "") for name, text in DIFFERENCES.items()},
         one_sided=ONE_SIDED,
-        nuisances=NUISANCES,
+        nuisances={name: describe_nuisance(name) for name in content["alignment"]},
     )
 
 

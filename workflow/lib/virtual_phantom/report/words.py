@@ -1,5 +1,6 @@
 """Descriptions of the test domains and nuisance parameters of a diagnosis, for its report."""
 
+from ..diagnosis.projections.object_errors import DENSITY, HU, SURFACE
 from ..diagnosis.verdict.object_mismatch import MOST_PIECES
 
 DOMAINS = {  # {domain: tested quantity}
@@ -39,4 +40,19 @@ NUISANCES = {  # {nuisance parameter: (description, unit)}
         f"piece_{n}": (f"local object mismatch {n}: attenuation added to the stated one", "1/mm")
         for n in range(1, MOST_PIECES + 1)
     },
+    "partial_volume": ("object edges: share of the change by partial volumes at smooth surfaces", ""),
+    "edge_blur": ("object edges: share of the change by a blur of half a squared voxel", ""),
 }
+OBJECT_ERRORS = {  # {beginning of the name of a nuisance parameter: (description, unit)}
+    DENSITY: ("relative error of the density of {}", ""),
+    SURFACE: ("displacement of the surface of {}, outwards", "mm"),
+    HU: ("error of voxels near {} HU", "HU"),
+}
+
+
+def describe_nuisance(name: str) -> tuple[str, str]:
+    """Return the description and the unit of a nuisance parameter."""
+    for beginning, (text, unit) in OBJECT_ERRORS.items():
+        if name.startswith(beginning):
+            return text.format(name.removeprefix(beginning)), unit
+    return NUISANCES[name]
