@@ -512,22 +512,25 @@ def test_effects_on_images():
         share = image / image.sum()
         return [(share.sum(axis=tuple({0, 1, 2} - {k})) * axis**2).sum() for k, axis in enumerate(axes)]
 
-    blurred = apply_image_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 1.5}})
+    def applied(physics):
+        return apply_image_effects(point, spacing, checked(physics))
+
+    blurred = applied({"reconstruction_kernel": {"sigma_mm": 1.5}})
     assert spreads(blurred) == pytest.approx([0, 1.5**2, 1.5**2], rel=0.01, abs=1e-6)
-    narrow = apply_image_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 0.2}})  # below half a voxel
+    narrow = applied({"reconstruction_kernel": {"sigma_mm": 0.2}})  # below half a voxel
     assert spreads(narrow) == pytest.approx([0, 0.2**2, 0.2**2], rel=0.01, abs=1e-6)
-    thick = apply_image_effects(point, spacing, {"slice_thickness": {"thickness_mm": 10.0}})
+    thick = applied({"slice_thickness": {"thickness_mm": 10.0}})
     np.testing.assert_allclose(thick[:, 20, 30][12:19], [0, 200, 200, 200, 200, 200, 0], atol=1e-3)
-    between = apply_image_effects(point, spacing, {"slice_thickness": {"thickness_mm": 4.0}})
+    between = applied({"slice_thickness": {"thickness_mm": 4.0}})
     np.testing.assert_allclose(between[14:17, 20, 30], [250, 500, 250], atol=1e-3)
-    assert apply_image_effects(point, spacing, {}) is point
+    assert applied({}) is point
     both = {"hu_calibration": {"scale": 1.1, "offset_hu": -7.0}, "reconstruction_kernel": {"sigma_mm": 0.0}}
-    np.testing.assert_allclose(apply_image_effects(point, spacing, both), 1.1 * point - 7, rtol=1e-6)
+    np.testing.assert_allclose(applied(both), 1.1 * point - 7, rtol=1e-6)
     for name, neutral in (
         ("slice_thickness", {"thickness_mm": 0.0}),
         ("hu_calibration", {"scale": 1.0, "offset_hu": 0.0}),
     ):
-        np.testing.assert_array_equal(apply_image_effects(point, spacing, {name: neutral}), point)
+        np.testing.assert_array_equal(applied({name: neutral}), point)
 
 
 def test_dark_signal_is_read_without_noise_of_its_own():

@@ -21,6 +21,7 @@ from ...features.parameters import DEFAULT, Parameters
 from ...io.volumes import Volume
 from ...phantom import HALF_COVERED
 from ...phantom.ct import resample
+from ...physics.effect import checked
 from ...simulation.reconstruct import apply_image_effects
 from .properties import BASELINE, EVERY_FOLD, FOLDS, calibration
 
@@ -67,7 +68,7 @@ def property_tables(
         return pd.concat([front, found], axis=1).reset_index(drop=True)
 
     def effect(name, **values):
-        return np.stack([apply_image_effects(image, grid.spacing, {name: values}) for image in images])
+        return np.stack([apply_image_effects(image, grid.spacing, checked({name: values})) for image in images])
 
     mean, noise = variants.split(images)
     within = np.any(list(masks.values()), axis=0)
