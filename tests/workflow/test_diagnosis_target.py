@@ -21,7 +21,8 @@ from virtual_phantom.study.progress.status import duration_range
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
 OF_SCANNER = ["bench", "second", "third"]
 EFFECTS = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]
-QUICK = {"samples": 1, "effects": ["scatter"], "view_step": 3, "check_setup": False}  # checked for bench
+# The scanned object is the phantom of the study itself. The set-up is checked for bench.
+QUICK = {"samples": 1, "effects": ["scatter"], "view_step": 3, "check_setup": False, "object_exact": True}
 VIEWS, ROWS, COLUMNS = 60, 12, 68
 SCAN = {"trajectory": "circular", "columns": COLUMNS, "rows": ROWS, "column_pitch_mm": 9.5, "row_pitch_mm": 16.0}
 STUDY = {
