@@ -164,3 +164,9 @@ def test_xcist_against_a_simulation_by_astra(tmp_path):
     assert found["nothing"]["verdict"] == "match", found["nothing"]["sentence"]
     assert [effect["name"] for effect in found["scatter"]["effects"]][:1] == ["scatter"], found["scatter"]["sentence"]
     assert "path length in water" in found["scatter"]["modelled"]["limits of the simulation"]
+
+
+def test_simulated_images_are_refused(tmp_path):
+    (tmp_path / "recording.yaml").write_text("{name: scanner, kind: images, repeats: [one.nii.gz]}")
+    with pytest.raises(InputError, match="only projections can be simulated"):
+        vp.diagnose(tmp_path, simulation="mine.h5")

@@ -112,6 +112,8 @@ def diagnose(
             f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
             "configuration (docs/how-to/diagnosis.md) and run snakemake diagnosis"
         )
+    if kind == "images" and simulation is not None:
+        raise InputError(f"{document.path}: holds images; give the object, because only projections can be simulated")
     thresholds = check_mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
     validate(dict(thresholds), schema_of("diagnosis", "matters"), "matters")
     schema = SECTION | {"$defs": schema_of()["$defs"]}
