@@ -21,7 +21,9 @@ def diagnosis(folder, *arguments):
     object_ = {"labels": str(folder / "labels.nii.gz"), "materials": MATERIALS}
     overlay = {
         "recordings": {"bench": str(folder / "bench")},
-        "diagnosis": {"recordings": {"bench": {"effects": ["spectrum", "scatter"], "object": object_}}},
+        "diagnosis": {
+            "recordings": {"bench": {"effects": ["spectrum", "scatter"], "object": object_, "object_exact": True}}
+        },
     }
     return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, config_folder=folder / "overlay")
 

@@ -10,9 +10,12 @@ from collections.abc import Collection, Mapping
 from ..base.errors import InputError
 from ..base.geometry import PARALLEL
 from ..physics.effect import (
+    CLOSE_VIEWS,
+    DIFFERENT_SLICES,
     DIVERGENT_BEAM,
     HELIX,
     NEEDS,
+    NOISE_LEVEL,
     NOMINAL_PHOTONS,
     SUCCESSIVE_VIEWS,
     acts_on_images,
@@ -33,13 +36,6 @@ HIDDEN = {
         lambda name: load(name).pattern and not acts_on_images(name),
         "has one unknown per detector pixel, which images mix",
     ),
-}
-
-
-# Effects that a scan of one slice, with its noise as recorded, does not show.
-NOT_IN_SLICES = {
-    "slice_thickness": "acts between slices, and slices of an object are repeats of one slice",
-    "electronic_noise": "acts on noise alone, which images of an object take from the recording",
 }
 
 
@@ -104,14 +100,12 @@ def candidates(
         SUCCESSIVE_VIEWS: (settings.view_step or 1) % 2 == 0,
         HELIX: not helical,
         DIVERGENT_BEAM: parallel,
+        CLOSE_VIEWS: settings.simulation is not None and sparse,
+        DIFFERENT_SLICES: of_object,
+        NOISE_LEVEL: of_object,
     }
     hidden = {name: why for name in names() if hides(name)}
-    hidden |= NOT_IN_SLICES if of_object else {}
     hidden |= dict.fromkeys(settings.baseline, "is declared under baseline")
-    if settings.simulation is not None and sparse:
-        hidden["view_blur"] = (
-            "needs rays between views, and the views of the simulation are too far apart to interpolate"
-        )
     for name in names():
         effect = load(name)
         for correction in set(effect.removed_by) & set(corrected):

@@ -34,12 +34,16 @@ LOGARITHM = 0  # value of Parameter.power: fits use the logarithm
 OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
 # Conditions of a scan that effects need (Effect.needs), and why an effect is not tried without them.
 DIVERGENT_BEAM, NOMINAL_PHOTONS = "divergent beam", "nominal photons"
-SUCCESSIVE_VIEWS, HELIX = "successive views", "helix"
+SUCCESSIVE_VIEWS, HELIX, CLOSE_VIEWS = "successive views", "helix", "close views"
+DIFFERENT_SLICES, NOISE_LEVEL = "different slices", "noise level"
 NEEDS = {
     DIVERGENT_BEAM: "needs a focal spot, but the beam is parallel",
     NOMINAL_PHOTONS: "is relative to nominal_photons, which are not stated",
     SUCCESSIVE_VIEWS: "changes from view to view, but at most every second view is fitted (view_step)",
     HELIX: "changes along the axis, but the source does not move along it",
+    CLOSE_VIEWS: "needs rays between views, and the views of the simulation are too far apart to interpolate",
+    DIFFERENT_SLICES: "acts between slices, and slices of an object are repeats of one slice",
+    NOISE_LEVEL: "acts on noise alone, which images of an object take from the recording",
 }
 # Quantities on the scanner's label that are priors of parameters (Parameter.nominal).
 TUBE_VOLTAGE, SENSOR_THICKNESS = "tube voltage", "sensor thickness"

@@ -33,7 +33,7 @@ VIEW_OVER_VOXEL = 0.8  # distance between views at the edge of the object, over 
 # MTF of the reconstruction over the Nyquist frequency of the rays. Blur is left to the effects.
 MTF50, MTF10 = 0.9, 1.1
 MARGIN_MM = 10.0  # around the object, for its edge and the air next to it
-ROTATION_MS = 1000.0
+ROTATION_MS = 1000.0  # assumed time of a rotation; effects in time are only tried if it is stated
 
 
 @dataclass(frozen=True)

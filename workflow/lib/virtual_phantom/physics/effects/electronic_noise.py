@@ -1,6 +1,6 @@
 """Electronic noise of the readout."""
 
-from ..effect import DARK_NOISE, Effect, Parameter
+from ..effect import DARK_NOISE, NOISE_LEVEL, Effect, Parameter
 from ..state import State
 
 
@@ -18,5 +18,6 @@ EFFECT = Effect(
     signature="the variance is too high at low counts and the mean does not change",
     settled_by="make dark scans: their variance is the electronic noise",
     parameters=(Parameter("photons", "photons", "standard deviation sigma", 0.0, 1000.0, 30.0, 30.0, dark=DARK_NOISE),),
+    needs=(NOISE_LEVEL,),
     apply=apply,
 )

@@ -1,7 +1,7 @@
 """Interpolation from another matrix."""
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from ..effect import Effect, Parameter
 from ..image_state import ImageState
@@ -18,8 +18,10 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
         last = np.ceil(max(-coordinates[0], coordinates[-1]) / pixel + 0.5)
         matrix = pixel * (np.arange(-last, last) + 0.5)  # pixels on both sides of the center
         inside = np.clip(matrix, coordinates[0], coordinates[-1])
-        sampled = make_interp_spline(coordinates, state.hu, 3, axis=axis)(inside)
-        state.hu = make_interp_spline(matrix, sampled, 1, axis=axis)(coordinates).astype(state.hu.dtype)
+        sampled = scipy.interpolate.make_interp_spline(coordinates, state.hu, 3, axis=axis)(inside)
+        state.hu = scipy.interpolate.make_interp_spline(matrix, sampled, 1, axis=axis)(coordinates).astype(
+            state.hu.dtype
+        )
 
 
 EFFECT = Effect(

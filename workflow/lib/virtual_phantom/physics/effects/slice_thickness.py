@@ -4,7 +4,7 @@ import numpy as np
 import scipy
 
 from ...reconstruction.slices import overlaps
-from ..effect import Effect, Parameter
+from ..effect import DIFFERENT_SLICES, Effect, Parameter
 from ..image_state import ImageState
 
 
@@ -28,5 +28,6 @@ EFFECT = Effect(
     signature="edges along z are wider, and noise of neighboring slices is correlated",
     settled_by="measure the slice sensitivity profile with a ramp or bead phantom",
     parameters=(Parameter("thickness_mm", "mm", "full width t of the profile", 0.0, 20.0, 3.0, 4.0),),
+    needs=(DIFFERENT_SLICES,),
     apply=apply,
 )

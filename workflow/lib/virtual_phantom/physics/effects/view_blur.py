@@ -3,7 +3,7 @@
 import math
 
 from ...base.geometry import orbit_of
-from ..effect import Effect, Parameter
+from ..effect import CLOSE_VIEWS, Effect, Parameter
 from ..scenes.sampling import points
 from ..state import State
 
@@ -27,5 +27,6 @@ EFFECT = Effect(
     signature="edges are blurred along the columns, more so far from the axis; edges that move along the ray are not",
     settled_by="repeat the scan with more views per turn, or scan a wire at two distances from the axis",
     parameters=(Parameter("duty", "1", "q: exposed share of the view interval", 0.0, 1.0, 0.5, 1.0, power=2),),
+    needs=(CLOSE_VIEWS,),
     apply=apply,
 )

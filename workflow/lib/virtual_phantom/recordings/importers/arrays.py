@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import tifffile
 from PIL import Image
-from scipy.io import loadmat
+from scipy.io import loadmat, whosmat
 
 from ...base.errors import InputError, reading
 from ...base.names import enumerated
@@ -21,6 +21,7 @@ TIFF, IMAGES = (".tif", ".tiff"), (".tif", ".tiff", ".png", ".bmp")
 HDF5 = (".h5", ".hdf5", ".hdf", ".nxs")
 # Values of image_key of NXtomo (NeXus application definition): projection, flat field, dark field; 3 is invalid.
 PROJECTION, FLAT, DARK = 0, 1, 2
+MATLAB_NUMBERS = ("double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 MOST_NAMES = 8  # datasets listed in a message
 
 
@@ -119,20 +120,26 @@ def _matlab(path: Path, dataset: str | None) -> np.ndarray:
             arrays = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
             return np.asarray(_chosen(path, arrays, dataset)[...]).T
     with reading(path, "MATLAB"):
-        arrays = {name: value for name, value in loadmat(path).items() if not name.startswith("__")}
-    return _chosen(path, arrays, dataset)
+        listed = whosmat(path)
+        suitable = [name for name, shape, kind in listed if kind in MATLAB_NUMBERS and min(shape) > 1]
+        name = _chosen_name(path, [name for name, _, _ in listed], suitable, dataset)
+        return loadmat(path, variable_names=[name])[name]
 
 
 def _chosen(path: Path, arrays: Mapping, dataset: str | None):
     """Return an array by name, or the only array of numbers with at least two dimensions."""
+    suitable = [name for name, value in arrays.items() if _numeric(value) and min(value.shape) > 1]
+    return arrays[_chosen_name(path, list(arrays), suitable, dataset)]
+
+
+def _chosen_name(path: Path, names: Sequence[str], suitable: Sequence[str], dataset: str | None) -> str:
     if dataset is not None:
-        if dataset not in arrays:
-            raise InputError(f"{path}: has no dataset {dataset}; it has {_listed(list(arrays))}")
-        return arrays[dataset]
-    names = [name for name, value in arrays.items() if _numeric(value) and min(value.shape) > 1]
-    if len(names) != 1:
-        raise InputError(f"{path}: has {len(names)} arrays ({_listed(names)}); name one with --dataset")
-    return arrays[names[0]]
+        if dataset not in names:
+            raise InputError(f"{path}: has no dataset {dataset}; it has {_listed(names)}")
+        return dataset
+    if len(suitable) != 1:
+        raise InputError(f"{path}: has {len(suitable)} arrays ({_listed(suitable)}); name one with --dataset")
+    return suitable[0]
 
 
 def _numeric(value) -> bool:
