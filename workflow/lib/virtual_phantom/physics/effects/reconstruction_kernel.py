@@ -1,7 +1,7 @@
 """Reconstruction kernel: apodization of the image, with or without a boost of middle frequencies."""
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from ..effect import LOGARITHM, Effect, Parameter
 from ..image_state import ImageState
@@ -22,7 +22,7 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
     plane = zip(state.hu.shape[1:], state.spacing_mm[1:], strict=True)
     rows, columns = (np.arange(n) / (2 * n * pixel) for n, pixel in plane)
     factor = mtf(np.hypot(rows[:, None], columns), values).astype(state.hu.dtype)
-    state.hu = fft.idctn(fft.dctn(state.hu, axes=(1, 2)) * factor, axes=(1, 2))
+    state.hu = scipy.fft.idctn(scipy.fft.dctn(state.hu, axes=(1, 2)) * factor, axes=(1, 2))
 
 
 EFFECT = Effect(

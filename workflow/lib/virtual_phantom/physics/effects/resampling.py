@@ -19,9 +19,8 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
         matrix = pixel * (np.arange(-last, last) + 0.5)  # pixels on both sides of the center
         inside = np.clip(matrix, coordinates[0], coordinates[-1])
         sampled = scipy.interpolate.make_interp_spline(coordinates, state.hu, 3, axis=axis)(inside)
-        state.hu = scipy.interpolate.make_interp_spline(matrix, sampled, 1, axis=axis)(coordinates).astype(
-            state.hu.dtype
-        )
+        linear = scipy.interpolate.make_interp_spline(matrix, sampled, 1, axis=axis)
+        state.hu = linear(coordinates).astype(state.hu.dtype)
 
 
 EFFECT = Effect(
