@@ -34,7 +34,7 @@ from .recordings import Recordings
 
 FIT_CACHE = "fits"  # folder of cached fits, next to diagnosis.json
 # Views, rows and columns of the largest scan of one slice that simulates images of an object (images.scan).
-SCAN_OF_IMAGES = (900, 1, 480)
+SCAN_OF_IMAGES = (700, 1, 360)
 READ_BYTES = 35  # memory per ray of a recording (measured: 33, for a clinical rotation of 56 million rays)
 DEFAULT_CORES = 2  # of a diagnosis if the number of available cores is not known
 

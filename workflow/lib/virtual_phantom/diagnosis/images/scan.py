@@ -25,7 +25,7 @@ MOST_SLICES = 24  # more slices add run time and little information
 DISTANCES_MM = (595.0, 1085.6)  # source to isocenter and detector of a clinical scanner, if nothing is stated
 PANEL_RATIO = 1.5  # source to detector over source to isocenter of cone-beam CT on linear accelerators
 PANEL_FROM_MM = 1200.0  # clinical gantries have shorter distances from source to detector
-MOST_ACROSS = 256  # voxels across the object, of images that are compared; finer ones are averaged
+MOST_ACROSS = 192  # voxels across the object, of images that are compared; finer ones are averaged
 # Distance of detector pixels at the isocenter over the voxel size. Their width, and the interpolation between them when
 # rays are rebinned, then blur as much as the average over a voxel: w^2/12 = p^2/12 + p^2/6.
 PIXEL_OVER_VOXEL = 1 / math.sqrt(3)
