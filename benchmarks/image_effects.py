@@ -17,13 +17,12 @@ from benchmarks import common
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid, circular, parallel_beam
 from virtual_phantom.base.settings import FbpSettings
-from virtual_phantom.diagnosis.candidate_effects import NOT_IN_SLICES
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.images.prepared import prepare
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
-from virtual_phantom.physics.effect import image_effects
+from virtual_phantom.physics.effect import DIFFERENT_SLICES, image_effects, load
 from virtual_phantom.physics.scenes.objects import read_object
 from virtual_phantom.physics.scenes.shapes import ShapesScene
 from virtual_phantom.physics.state import AIR
@@ -201,7 +200,7 @@ def add_arguments(parser):
 
 
 def run(options):
-    wanted = tuple(name for name in (*image_effects(), *FURTHER) if name not in NOT_IN_SLICES)
+    wanted = tuple(name for name in (*image_effects(), *FURTHER) if DIFFERENT_SLICES not in load(name).needs)
     numbers = range(options.first, options.first + options.draws)
     cases = [(kind, number, options.seed, wanted) for number in numbers for kind in options.kinds]
     fields = ["kind", "object", "number", "verdict", "named", "group", "score", "intervals", "covered", "values"]

@@ -8,6 +8,7 @@ import yaml
 from skimage.measure import block_reduce
 from skimage.transform import iradon
 
+import virtual_phantom as vp
 from virtual_phantom.api.diagnosis import SECTION
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
@@ -143,3 +144,11 @@ def test_correlation_of_slices_is_counted():
     assert correlated_variance((white[:, 1:] + white[:, :-1]) / 2, valid) == pytest.approx(2, rel=0.15)
     with pytest.raises(InputError, match="3 slices, of which 3 have independent noise"):
         correlated_variance(white[:, :3], valid)
+
+
+def test_disc_is_compared_in_images(recorded):
+    axis = (np.arange(SIDE * 4) - (SIDE * 4 - 1) / 2) * VOXEL_MM / 4
+    share = block_reduce(np.hypot(axis, axis[:, None]) < 50, (4, 4), np.mean)
+    noise = np.random.default_rng(3).normal(0, 10, (SLICES, SIDE, SIDE))
+    found = vp.diagnose(recorded(1000 * (share - 1) + noise), disc=(100, "water"), effects=["hu_calibration"]).content
+    assert "contrast" in found["agreement"]["metrics"] and found["effects"] == []

@@ -169,5 +169,5 @@ def test_xcist_against_a_simulation_by_astra(tmp_path):
 def test_simulated_images_are_refused(tmp_path):
     (tmp_path / "one.nii.gz").touch()
     (tmp_path / "recording.yaml").write_text("{name: scanner, kind: images, repeats: [one.nii.gz]}")
-    with pytest.raises(InputError, match="only projections can be simulated"):
+    with pytest.raises(InputError, match="simulated images are not supported"):
         vp.diagnose(tmp_path, simulation="mine.h5")

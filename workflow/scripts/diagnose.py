@@ -72,7 +72,9 @@ if "snakemake" in globals():
             phantom_file=snakemake.input.get("phantom"),
             image_file=snakemake.input.get("image"),
             rois_file=snakemake.input.get("rois"),
-            object_files=list(filter(None, map(snakemake.input.get, ("phantom", "mask", "labels", "shapes")))),
+            object_files=list(
+                filter(None, map(snakemake.input.get, ("phantom", "mask", "labels", "shapes", "simulation")))
+            ),
             declared_file=snakemake.input.get("declared"),
             physics_file=snakemake.input.get("physics"),
             record_file=snakemake.input.get("record"),

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..base.data import RESOURCES
 from ..base.errors import InputError
 from ..base.settings import from_mapping
-from ..diagnosis.candidate_effects import candidate_conditions, candidates
+from ..diagnosis.candidate_effects import candidate_conditions, candidates, check_kinds
 from ..diagnosis.request import DiagnosisRequest
 from ..diagnosis.run import run_diagnosis
 from ..diagnosis.settings import RecordingSettings
@@ -112,14 +112,13 @@ def diagnose(
             f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
             "configuration (docs/how-to/diagnosis.md) and run snakemake diagnosis"
         )
-    if kind == "images" and simulation is not None:
-        raise InputError(f"{document.path}: holds images; give the object, because only projections can be simulated")
     thresholds = check_mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
     validate(dict(thresholds), schema_of("diagnosis", "matters"), "matters")
     schema = SECTION | {"$defs": schema_of()["$defs"]}
     validate(section, schema, "diagnose")
     fill_defaults(section, schema)
     recorded, study = from_mapping(RecordingSettings, section), defaults_of()
+    check_kinds({document.content["name"]: recorded}, {document.content["name"]: document})
     request = DiagnosisRequest(
         recording,
         recorded,

@@ -194,6 +194,8 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
             raise InputError(
                 f"{where}.simulation: simulated images are not supported; diagnose projections, or remove it"
             )
+        if kind == "projections" and settings.location.get("turn_deg"):
+            raise InputError(f"{where}.location.turn_deg: is for images; change scan.start_angle_deg of recording.yaml")
         if settings.slices is not None and (kind != "images" or settings.of_phantom):
             raise InputError(f"{where}.slices: are for images of an object; remove this key")
         if kind == "images" and not settings.of_phantom and settings.protocol is not None:

@@ -17,7 +17,7 @@ from ..phantom.rois import read_roi_entries
 from .document import Document
 from .provenance import check_nominal, check_shared, checksums, dicom_facts
 from .recording import Provenance, Recording, Repeats
-from .scan import check_lengths, missing_for_geometry, scan_geometry
+from .scan import SIZE, check_lengths, missing_for_geometry, scan_geometry
 
 LEAST_REPORTED_PADDING = 0.01  # share of voxels below air (padding) from which it is reported
 
@@ -98,9 +98,10 @@ def grid_mismatch(grid: Grid, first: Grid, name: str | Path, first_name: str) ->
 def _geometry(document: Document) -> OrbitGeometry | None:
     """Return the geometry if the scan section is complete and can be simulated; check the lengths in any case."""
     scan = document.content.get("scan", {})
+    not_checked = document.content.get("not_checked", ())
     if not missing_for_geometry(scan) and scan.get("detector", "flat") == "flat":
-        return scan_geometry(scan, str(document.path))
-    check_lengths(scan, str(document.path))
+        return scan_geometry(scan, str(document.path), not_checked)
+    check_lengths(scan, str(document.path), SIZE not in not_checked)
     return None
 
 

@@ -32,6 +32,8 @@ from .costs import diagnoses
 from .costs.limits import UNKNOWN_MINUTES, diagnosis_minutes
 from .recordings import Recordings
 
+# {input of a recording that describes the object: input of a scanner}
+OBJECT_INPUTS = {"mask": "masks", "labels": "label_maps", "shapes": "shapes", "simulation": "simulations"}
 FIT_CACHE = "fits"  # folder of cached fits, next to diagnosis.json
 # Views, rows and columns of the largest scan of one slice that simulates images of an object (images.scan).
 SCAN_OF_IMAGES = (700, 1, 360)
@@ -109,7 +111,7 @@ class Diagnosis:
         separate = [self.inputs(name) for name in recordings]
         inputs = {"files": [path for recording in separate for path in recording["files"]]}
         inputs["setups"] = [self.files("setup", recording=name) for name in recordings]
-        for kind, key in (("mask", "masks"), ("labels", "label_maps"), ("shapes", "shapes")):
+        for kind, key in OBJECT_INPUTS.items():
             if objects := [recording[kind] for recording in separate if kind in recording]:
                 inputs[key] = objects
         if phantoms := [recording["phantom"] for recording in separate if "phantom" in recording]:
@@ -143,6 +145,12 @@ class Diagnosis:
             the recordings declare different properties of their scanner.
         """
         recordings, configured = self.scanners[scanner].recordings, self.scanners[scanner].effects
+        for name in recordings:
+            if self.recordings.content(name)["kind"] == "images" and not self.settings[name].of_phantom:
+                raise InputError(
+                    f"diagnosis.scanners.{scanner}.recordings: {name} holds images of an object, which can only be "
+                    "diagnosed alone; remove it"
+                )
         where = f"diagnosis.scanners.{scanner}.effects"
         known = self._declared_alike(scanner)
         first, *others = [self.candidates[name] for name in recordings]

@@ -81,7 +81,11 @@ class ScannedVolume:
         if settings.disc is not None:
             return None
         if settings.simulation is not None:
-            return cls.of_simulation(simulated_scene(request, recording))
+            scene = simulated_scene(request, recording)
+            try:
+                return cls.of_simulation(scene)
+            except InputError:  # the comparison of images reports why the scan cannot be reconstructed
+                return None
         if isinstance(settings.object, ShapesObject):
             shaped = shaped_object(settings.object)
             geometry = recording.geometry if request.protocol is None else request.protocol.geometry

@@ -13,6 +13,7 @@ from ...base.errors import InputError
 from ...base.geometry import Grid, ImageProtocol
 from ...base.settings import FbpSettings, FocalSpot, GridSettings, KernelSettings, ScanSettings
 from ...base.vectors import CYLINDRICAL, FLAT
+from ...physics.beam.materials import energy_of
 from ...physics.scenes.prism import PrismScene
 from ...physics.scenes.scene import DiscScene
 from ...physics.scenes.shapes import is_constant_along_z
@@ -187,7 +188,8 @@ def with_scan(request: DiagnosisRequest, recording: ImagesRecording) -> Diagnosi
     """Return the request with the scan that simulates the images; itself if it has a protocol."""
     if request.protocol is not None:
         return request
-    return replace(request, protocol=scan_of_images(recording, request)[0])
+    energy = request.energy_kev or energy_of("water", request.mu_water_per_mm)  # at which water has 0 HU
+    return replace(request, protocol=scan_of_images(recording, request)[0], energy_kev=energy)
 
 
 COPIED = (

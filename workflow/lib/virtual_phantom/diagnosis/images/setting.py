@@ -17,7 +17,7 @@ from ...physics.state import AIR
 from ...reconstruction.images import reconstruct_hu
 from ...recordings.images import ImagesRecording
 from ..comparison.agreement import Features
-from ..comparison.regions import ScannedVolume, complete, phantom_regions
+from ..comparison.regions import ScannedVolume, complete, disc_regions, phantom_regions
 from ..comparison.relevance import agreement_and_changes
 from ..fitting.fit import Fit
 from ..fitting.nuisance import pose_of
@@ -224,7 +224,7 @@ def agreement_of_images(
     choice: Choice,
     request: DiagnosisRequest,
     purpose: Branch,
-    scanned: ScannedVolume,
+    scanned: ScannedVolume | None,
     with_changes: bool = False,
 ) -> dict:
     """Return the agreement of the held-out repeats with simulated images of each model, as `agreement_of_repeats`.
@@ -235,12 +235,16 @@ def agreement_of_images(
     model, count = prepared.fitter.model, min(len(repeats), REALIZATIONS)
     pose = pose_of(choice.chosen.fit.nuisance)
     grid = Grid(repeats.shape[1:], model.spacing_mm)
-    regions = phantom_regions(grid, prepared.data.usable | prepared.held_out.usable, scanned, pose)
+    valid = prepared.data.usable | prepared.held_out.usable
+    if scanned is None:
+        regions = disc_regions(grid, valid, model.chain.scene, pose)
+    else:
+        regions = phantom_regions(grid, valid, scanned, pose)
 
     def images(fit: Fit) -> np.ndarray:
         return model.repeats(fit.physics, fit.nuisance, fit.linearization, count)
 
-    features = Features(regions)
+    features = None if scanned is None else Features(regions)
     return agreement_and_changes(repeats, images, choice, regions, features, with_changes) | {
         "algorithm": request.protocol.algorithm,
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},

@@ -14,13 +14,24 @@ from ...io.schema import read_schema, validate
 from .measurement import DarkFrames
 from .ranking import MeasurementRanking, Pair, RankedMeasurement, settles
 
-KEPT = ("name", "kind", "phantom", "isocentre_mm", "scan", "corrected", "nominal")  # of the existing recording
+KEPT = (
+    "name",
+    "kind",
+    "phantom",
+    "isocentre_mm",
+    "scan",
+    "corrected",
+    "not_checked",
+    "nominal",
+)  # of the existing recording
 OF_CURRENT = ("photons", "tube_current_ma", "mas", "dose_mgy")  # keys of `nominal` proportional to the tube current
 SETTINGS = (
     "disc",
     "object",
     "simulation",
     "simulation_energy_kev",
+    "object_exact",
+    "object_uncertainty",
     "alignment",
     "samples",
     "view_step",
@@ -103,6 +114,8 @@ def recording_template(name: str, ranked: RankedMeasurement, content: Mapping, s
     nominal = new.get("nominal", {})
     new["nominal"] = {key: value * photons if key in OF_CURRENT else value for key, value in nominal.items()}
     section = dict(made.section or {}) or {key: settings[key] for key in SETTINGS if settings.get(key)}
+    if "simulation" in section and made.scan:
+        section["simulation"] = "the file of your simulation of this scan"
     if "object" in section or "disc" in section:
         new.pop("phantom", None)
     validate(new, read_schema(SCHEMAS / "recording.schema.yaml"), "recording.yaml")

@@ -96,7 +96,7 @@ def locate(recording: ImagesRecording, request: DiagnosisRequest) -> ObjectLocat
     x, y = transform.TransformPoint((0.0, 0.0, 0.0))[:2]
     turn = np.rad2deg(transform.GetAngleZ())
     location = {"x_mm": float(x), "y_mm": float(y), "turn_deg": float(turn)} | (
-        {"z_mm": stated["z_mm"]} if "z_mm" in stated else {}
+        {"z_mm": stated["z_mm"]} if "z_mm" in stated and not imaged.prism else {}
     )
     middle = image.array.shape[0] // 2
     rest = [image.array[middle] - expected(pose)[middle] for pose in (height, Pose(**location))]

@@ -14,6 +14,7 @@ from scipy import ndimage, optimize
 
 from ...base.geometry import PARALLEL, OrbitGeometry
 from ...base.names import counted, enumerated
+from ...base.vectors import FLAT
 from ...recordings.projections import Projections, ProjectionsRecording, quantized
 from ...recordings.recording import Recording
 from ...recordings.scan import ELEMENT, UNKNOWN
@@ -155,7 +156,9 @@ def _projection_findings(recording: ProjectionsRecording) -> tuple[list[DataFind
     differences, of = np.diff(middle, axis=1), "neighboring columns"
     if known_angles:
         findings += _repeated_views(taken, geometry)
-        if level is not None and taken.usable[:, row].mean() > 0.9:
+        # The conditions of consistency are those of flat detectors and sources on a circle.
+        plain = geometry.surface == FLAT and not (geometry.feed_per_rotation_mm or geometry.has_focal_spot_offset)
+        if plain and level is not None and taken.usable[:, row].mean() > 0.9:
             found, opposite = _consistency(middle, geometry)
             findings += found
             if opposite is not None:
@@ -259,6 +262,10 @@ def _noise(taken: Scans, air: float) -> DataFinding | None:
     signal, variance = (
         np.array([np.median(part[which == k]) for k in bins]) for part in (transmission, second**2 / MEDIAN_SQUARE)
     )
+    noisy = variance > 0
+    if not noisy.any():
+        return None
+    bins, signal, variance = bins[noisy], signal[noisy], variance[noisy]
     weights = np.sqrt(rays[bins]) / variance
     terms = np.stack([np.ones_like(signal), signal], axis=1)
     floor, slope = optimize.nnls(terms * weights[:, None], variance * weights)[0]

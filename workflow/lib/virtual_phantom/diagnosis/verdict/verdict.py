@@ -115,7 +115,8 @@ def diagnose(
     at_bounds = effects_at_bounds(choice.chosen.fit, fitter.model)
     if effects and set(effects) == set(at_bounds):
         verdict = UNEXPLAINED
-    alternatives = object_alternatives(fitter, choice)
+    from_another = any(choice.p.get(name, 0.0) is None for name in effects)  # its physics is not free
+    alternatives = {} if from_another else object_alternatives(fitter, choice)
     object_errors = {} if effects or left else imitating_effects(fitter, choice.baseline, tried)
     like_object = [*alternatives, *object_errors.get("imitated_by", [])]
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}

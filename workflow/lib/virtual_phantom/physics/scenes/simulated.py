@@ -25,6 +25,8 @@ from .scene import Scene
 
 PAD = 3  # samples beyond an edge: two for cubic splines, and one for views that are rounded up to a full turn
 OBJECT_MM = 1.0  # path length in water of the thinnest ray through the object
+UNEVEN = 0.01  # difference of steps between views, of a step: smaller errors of interpolation than those of its splines
+WIDEST_STEP_RAD = np.pi / 6  # far above the limit of sampling (Kak and Slaney, section 5.1); wider steps skip turns
 ROUNDING = 1e-6  # of the number of views in a turn
 FEWEST_COLUMNS = 4  # of a cubic spline
 
@@ -54,9 +56,17 @@ class SimulatedScene(Scene):
                 "simulation: rays of a displaced or flying focal spot cannot be interpolated; give an object"
             )
         if geometry.columns < FEWEST_COLUMNS:
-            raise InputError(f"simulation: {geometry.columns} columns cannot be interpolated; use {FEWEST_COLUMNS}")
+            raise InputError(
+                f"simulation: {geometry.columns} columns cannot be interpolated; use at least {FEWEST_COLUMNS}"
+            )
         self.paths_mm, self.geometry, self.energy_kev, self.threads = paths_mm, geometry, energy_kev, threads
         angles, columns = geometry.angles_rad, np.arange(geometry.columns)
+        steps = np.diff(angles)
+        if len(steps) < 1 or np.abs(steps - steps[0]).max() > UNEVEN * abs(steps[0]) or abs(steps[0]) > WIDEST_STEP_RAD:
+            raise InputError(
+                "simulation: rays between uneven views, or views more than 30 degrees apart, cannot be interpolated; "
+                "give an object"
+            )
         self._step = (angles[-1] - angles[0]) / (geometry.views - 1)
         self._turn = 2 * np.pi / abs(self._step)
         self._closed = not geometry.feed_per_rotation_mm and abs(self._turn - geometry.views) < ROUNDING * self._turn
