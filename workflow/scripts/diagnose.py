@@ -7,7 +7,7 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.diagnosis.selection.store import DiagnosisFiles
 from virtual_phantom.diagnosis.selection.transfer import Physics, with_declared
-from virtual_phantom.diagnosis.settings import FitSettings
+from virtual_phantom.diagnosis.settings import OBJECT_INPUTS, FitSettings
 from virtual_phantom.diagnosis.setup.check import NOT_CHECKED, write_setup
 from virtual_phantom.diagnosis.verdict_text import console_text
 from virtual_phantom.report.diagnosis import write_results
@@ -72,9 +72,7 @@ if "snakemake" in globals():
             phantom_file=snakemake.input.get("phantom"),
             image_file=snakemake.input.get("image"),
             rois_file=snakemake.input.get("rois"),
-            object_files=list(
-                filter(None, map(snakemake.input.get, ("phantom", "mask", "labels", "shapes", "simulation")))
-            ),
+            object_files=list(filter(None, map(snakemake.input.get, ("phantom", *OBJECT_INPUTS)))),
             declared_file=snakemake.input.get("declared"),
             physics_file=snakemake.input.get("physics"),
             record_file=snakemake.input.get("record"),

@@ -125,7 +125,8 @@ def run_diagnosis(
         )
     content = with_coverage(found.content, coverage) if coverage is not None else dict(found.content)
     content["modelled"] = model_assumptions(request, recording, found.prepared, effects)
-    scanned = ScannedVolume.of(request, recording, study_rois, shape_rois) if images else None
+    scene = found.prepared.fitter.model.chain.scene
+    scanned = ScannedVolume.of(request, recording, study_rois, shape_rois, scene) if images else None
     if images:
         options = {"scanned": scanned, "with_changes": thresholds is not None}
         compared = found.prepared, found.choice, request, Branch.AGREEMENT

@@ -8,6 +8,9 @@ from typing import Any
 from ..base.geometry import ImageProtocol
 from ..base.settings import MaterialSettings
 
+# {input of the job of a recording that describes the object: input of the job of a scanner}
+OBJECT_INPUTS = {"mask": "masks", "labels": "label_maps", "shapes": "shapes", "simulation": "simulations"}
+
 Baseline = dict[str, dict[str, dict[str, float]]]  # {effect: {parameter: {value, sd}}}
 
 

@@ -147,7 +147,7 @@ def reconstruct_images(
     grid : Grid
         Voxels of images without voxels of their own.
     rois_files : mapping of str to sequence of str
-        {protocol with voxels of its own: table of ROIs of each realization}; only boxes around the ROIs are made.
+        {protocol with its own voxels: table of ROIs of each realization}; only boxes around the ROIs are made.
 
     Yields
     ------

@@ -15,6 +15,7 @@ from ..config.plan import Plan
 from ..diagnosis.candidate_effects import candidate_conditions, candidates, check_accuracy, check_kinds
 from ..diagnosis.fitting.priors import declared
 from ..diagnosis.settings import (
+    OBJECT_INPUTS,
     Baseline,
     FitSettings,
     LabelledObject,
@@ -32,8 +33,6 @@ from .costs import diagnoses
 from .costs.limits import UNKNOWN_MINUTES, diagnosis_minutes
 from .recordings import Recordings
 
-# {input of a recording that describes the object: input of a scanner}
-OBJECT_INPUTS = {"mask": "masks", "labels": "label_maps", "shapes": "shapes", "simulation": "simulations"}
 FIT_CACHE = "fits"  # folder of cached fits, next to diagnosis.json
 # Views, rows and columns of the largest scan of one slice that simulates images of an object (images.scan).
 SCAN_OF_IMAGES = (700, 1, 360)

@@ -18,7 +18,7 @@ from ...phantom import read_masks
 from ...physics.beam.materials import attenuation_per_mm, energy_of
 from ...physics.scenes.labeled import LabelMap
 from ...physics.scenes.objects import ShapedObject
-from ...physics.scenes.scene import DiscScene, Pose
+from ...physics.scenes.scene import DiscScene, Pose, Scene
 from ...physics.scenes.simulated import SimulatedScene
 from ...physics.scenes.voxelized import reach_mm, roi_mask, shape_shares, shapes_to_hu
 from ...projectors import projector
@@ -26,7 +26,6 @@ from ...reconstruction.fbp import fbp
 from ...recordings.recording import Recording
 from ...statistics.image_quality import LEAST_ROI_VOXELS
 from ...statistics.resolution import signed_distance_mm
-from ..projections.own_simulation import simulated_scene
 from ..request import DiagnosisRequest
 from ..scanned_object import labelled_object, read_mask, shaped_object
 from ..settings import LabelledObject, ShapesObject
@@ -62,6 +61,7 @@ class ScannedVolume:
         recording: Recording,
         study_rois: tuple[str, str] | None = None,
         shape_rois: bool = True,
+        scene: Scene | None = None,
     ) -> ScannedVolume | None:
         """Return the scanned object of a request; None for a disc, which needs no voxels.
 
@@ -71,6 +71,8 @@ class ScannedVolume:
             The study's image and its table of ROIs. Without it, the study's phantom has no ROIs.
         shape_rois : bool, optional
             Whether an object of shapes has its ROIs.
+        scene : Scene, optional
+            Scene of the request. Only the user's own simulation needs it.
 
         Raises
         ------
@@ -81,7 +83,6 @@ class ScannedVolume:
         if settings.disc is not None:
             return None
         if settings.simulation is not None:
-            scene = simulated_scene(request, recording)
             try:
                 return cls.of_simulation(scene)
             except InputError:  # the comparison of images reports why the scan cannot be reconstructed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -216,8 +217,7 @@ class Problem:
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         residuals = less_pattern(self.data.residuals(prediction), self.pattern, self.data)
-        first, linear = len(self.unknowns), ("scale", "offset", *self.model.object_error_names)
-        index = [first + [number.name for number in self.nuisances].index(name) for name in linear]
+        index = self.positions(("scale", "offset", *self.model.object_error_names))
         changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)
         design = np.stack([column.ravel() for column in changes])
         design, weight = np.vstack([design, self.model.object_changes(self.data)]), self.weights[0]
@@ -284,6 +284,11 @@ class Problem:
         moved[index] += step
         there = self.residuals(moved, SLOPE_REACH if self.moving[index] else 1.0)
         return [(before - after) / step for before, after in zip(residuals, there, strict=True)]
+
+    def positions(self, names: Sequence[str]) -> list[int]:
+        """Return the indices of nuisance parameters in a point."""
+        known = [number.name for number in self.nuisances]
+        return [len(self.unknowns) + known.index(name) for name in names]
 
     def _name(self, index: int) -> str | None:
         """Return the name of a nuisance parameter; None for an effect's variable."""

@@ -76,7 +76,7 @@ class ObjectErrors:
     def whitened(self, data: Observed) -> np.ndarray:
         """Return the whitened changes, shape (numbers, data)."""
 
-        def make() -> tuple[Observed, np.ndarray]:  # the key is valid as long as the data are kept
+        def make() -> tuple[Observed, np.ndarray]:  # the key is valid while the data are in the cache
             columns = [data.whitened(np.where(data.usable, change, 0)).ravel() for change in self.changes]
             return data, np.stack(columns) if columns else np.zeros((0, data.mean.size))
 
@@ -143,11 +143,10 @@ class StatedObject:
         if self.phantom is not None:
             scene, numbers = self._hu_errors()
             per_mm = np.float32(self.mu_water_per_mm / 1000)
-        elif len(self.scene.materials) > 1:  # density and size of a single material are those of the alignment
+            return tuple(numbers), per_mm * _lengths(scene, geometry, samples, pose)
+        if len(self.scene.materials) > 1:  # density and size of a single material are those of the alignment
             return self._of_materials(geometry, samples, pose)
-        else:
-            return (), np.zeros((0, *geometry.shape), np.float32)
-        return tuple(numbers), per_mm * _lengths(scene, geometry, samples, pose)
+        return (), np.zeros((0, *geometry.shape), np.float32)
 
     def _of_materials(
         self, geometry: ScanGeometry, samples: int, pose: Pose

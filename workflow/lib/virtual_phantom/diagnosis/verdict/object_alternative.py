@@ -85,8 +85,7 @@ def _freed(fitter: Fitter, fit: Fit) -> ObjectDifference:
     """Return the difference of the object that explains most beyond a fit, to first order."""
     problem = Problem.at(fitter, fit)
     names = fitter.model.object_error_names
-    first = len(problem.unknowns)
-    place = [first + [number.name for number in problem.nuisances].index(name) for name in names]
+    place = problem.positions(names)
     problem.prior_precision[place] /= FREED**2
     fitted, held = jacobians_of_halves(problem)
     residuals = fitter.residuals(fit)
