@@ -1,35 +1,34 @@
-"""Compare the diagnosis with three simple methods on the same scans (1 hour).
+"""Write the verdicts of three simple methods on a suite of the blind validation (1 minute per case).
 
-The scans come from the simulator of the blind validation. The simple methods use all repeats:
+`snakemake hide` makes the suite, `snakemake score --config verdicts=OUT/METHOD` the score. The methods use all repeats:
 
 * `filter`: the effect with the largest matched filter, penalized by BIC, if its p-value over all effects is below 1 %.
 * `forward`: forward selection by BIC; each step fits the five effects with the largest matched filters.
 * `all`: a fit of all effects at once; effects whose removal would increase the BIC.
 
 `all` omits the gain pattern (one parameter per pixel) and the rotation during a view (several rays per view). A method
-reports unexplained data if its chi-square is three standard deviations too large. Cases in the output file are not
-repeated.
+reports unexplained data if its chi-square is three standard deviations too large. Existing verdicts are not repeated.
 """
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks import common
-from benchmarks.common import simulator_scans
-from virtual_phantom.diagnosis.candidate_effects import candidates
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.fitting.fit import Fitter
-from virtual_phantom.diagnosis.run import find_missing_physics
+from virtual_phantom.diagnosis.preparation import prepare_recording
+from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.screening import screened
+from virtual_phantom.diagnosis.settings import FitSettings
+from virtual_phantom.io.documents import VERDICT, write_document
 from virtual_phantom.physics.effect import load
-from virtual_phantom.proof.hiding.case import ADMITTED, Case
 
 CHANCE = 0.01
 MOST = 4  # steps of the forward selection, as in the diagnosis
 FITTED = 5  # fits per step, with the largest matched filters
 TOO_MANY = ("gain_pattern", "view_blur")  # omitted by `all`
-WAYS = ("diagnosis", "filter", "forward", "all")
 
 
 def without_halves(prepared):
@@ -106,55 +105,27 @@ def all_at_once(fitter, tried):
     return named, left(fitter, fit)
 
 
-def answers(truth, config, seed):
-    """{method: (ranked effects, whether it reports unexplained data)}."""
-    recording, prepared, model = simulator_scans.prepared(truth, config, seed)
-    tried = list(candidates(model.settings))
-    found = find_missing_physics(recording.name, prepared, tried, config.diagnosis.model_accuracy)
-    document = found.content
-    equals = [[effect["name"], *document["ambiguous_with"].get(effect["name"], [])] for effect in document["effects"]]
-    fitter = without_halves(prepared)
-    smooth = [name for name in tried if name not in TOO_MANY]
-    rivals = {
-        "filter": matched_filter(fitter, tried),
-        "forward": forward(fitter, tried),
-        "all": all_at_once(fitter, smooth),
-    }
-    diagnosis = equals, document["verdict"] in ADMITTED
-    return {"diagnosis": diagnosis} | {way: ([[name] for name in named], rest) for way, (named, rest) in rivals.items()}
+def smooth_effects_at_once(fitter, tried):
+    return all_at_once(fitter, [name for name in tried if name not in TOO_MANY])
 
 
-def judged(case, named, rest):
-    """{criterion: whether the answer meets it}, by the category of the case."""
-    true = [effect["name"] for effect in case.truth["effects"]]
-    if case.category == "none":
-        return {"no false alarm": not named and not rest}
-    if case.category == "unknown":
-        equals = [set(equal) for effect in case.truth["effects"] for equal in effect["equals"]]
-        return {"owned up": rest or {group[0] for group in named} in equals}
-    first = bool(named) and bool(set(named[0]) & set(true))  # or indistinguishable
-    every = all(any(name in group for group in named) for name in true)
-    return {"first": first, "all": every, "none beside": len(named) == len(true), "no false remainder": not rest}
+METHODS = {"filter": matched_filter, "forward": forward, "all": smooth_effects_at_once}
 
 
 def add_arguments(parser):
-    parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--out", type=Path, required=True)
-    simulator_scans.add_draws(parser, ["medium"], none=6, pairs=5, unknown=7)
+    parser.add_argument("--suite", type=Path, required=True, help="suite.json of `snakemake hide`")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the verdicts, one folder per method")
+    parser.add_argument("--methods", nargs="*", choices=METHODS, default=list(METHODS))
 
 
 def run(options):
-    config = common.configuration()
-    rows = common.read_jsonl(options.out)
-    for case, truth in simulator_scans.left_to_do(options, rows).items():
-        rows.append({"truth": truth, "answers": answers(truth, config, options.seed)})
-        common.append_jsonl(options.out, rows[-1])
-        print(case, [effect["name"] for effect in truth["effects"]], rows[-1]["answers"], flush=True)
-    counted: dict[tuple[str, str], dict[str, list[bool]]] = {}
-    for row in rows:
-        case = Case(row["truth"], {})
-        for way in WAYS:
-            for measure, right in judged(case, *row["answers"][way]).items():
-                counted.setdefault((case.category, measure), {}).setdefault(way, []).append(right)
-    for (category, measure), ways in counted.items():
-        print(f"{category}, {measure}: " + ", ".join(f"{way} {sum(ok)} of {len(ok)}" for way, ok in ways.items()))
+    for case, given in json.loads(options.suite.read_text(encoding="utf-8"))["cases"].items():
+        paths = {name: options.out / name / f"{case}.json" for name in options.methods}
+        if missing := {name: path for name, path in paths.items() if not path.exists()}:
+            request = DiagnosisRequest.of(from_mapping(FitSettings, given["model"]), given["object"]["phantom"], 1)
+            fitter = without_halves(prepare_recording(request)[1])
+            for name, path in missing.items():
+                named, unexplained = METHODS[name](fitter, given["effects"])
+                verdict = {"case": case, "effects": [[effect] for effect in named], "unexplained": unexplained}
+                write_document(verdict, path, VERDICT)
+                print(case, name, named, "with unexplained differences" if unexplained else "", flush=True)

@@ -6,12 +6,18 @@ import numpy as np
 
 from virtual_phantom.io.files import write_text
 from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.case import Case, completed
+from virtual_phantom.proof.scoring.verdicts import verdict_document
 
 SALT = "5a" * 32
 
 
-def truth(case, category, effects=(), strength=None, where=(), kind="projections", phantom="abdomen"):
-    """Truth with effects {name: comparable parameters}; the library has no model of those with an exclamation mark."""
+def truth(case, category, effects=(), strength=None, where=(), kind="projections", phantom="abdomen", **fields):
+    """Truth with effects {name: comparable parameters}; the library has no model of those with an exclamation mark.
+
+    fields: those of the blind test with object errors, such as simulator; equation applies to every effect.
+    """
+    equation = {"equation": fields.pop("equation")} if "equation" in fields else {}
     return {
         "case": case,
         "kind": kind,
@@ -25,10 +31,12 @@ def truth(case, category, effects=(), strength=None, where=(), kind="projections
                 "strength": strength,
                 "settings": {"scale": 1.0},
                 "comparable": comparable,
+                **equation,
             }
             for name, comparable in dict(effects).items()
         ],
         "where": list(where),
+        **fields,
     }
 
 
@@ -59,9 +67,14 @@ def diagnosis(case, verdict, effects=(), ambiguous=None, ruled_out=None, removed
         ],
         "ambiguous_with": {name: (ambiguous or {}).get(name, []) for name in dict(effects)},
         "ruled_out": ruled_out or {},
-        "excess_removed": removed,
+        "excess_rms_removed": removed,
         "remainder_sd": named.get("remainder", 0.0),
     }
+
+
+def judged(truth, diagnosis, other=None):
+    """Case of a truth and a diagnosis."""
+    return Case(completed(truth), verdict_document(diagnosis), diagnosis, other)
 
 
 def metric(before, after, floor):
@@ -146,7 +159,8 @@ def write_suite(folder, truths=TRUTHS, diagnoses=DIAGNOSES, others=OTHERS):
             paths["others"].append(other)
             seal.write(others[case], other)
         paths["verdicts"].append(folder / "verdicts" / f"{case}.json")
-        seal.write(seal.verdict_of(case, paths["diagnoses"][-1], other), paths["verdicts"][-1])
+        verdict = verdict_document(content) | {"files": seal.files_of(paths["diagnoses"][-1], other)}
+        seal.write(verdict, paths["verdicts"][-1])
         maps = folder / "diagnosis" / case / "maps"
         maps.mkdir()
         ramp = np.linspace(-8, 8, 30 * 20).reshape(30, 20)

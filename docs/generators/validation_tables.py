@@ -4,7 +4,6 @@ The counts of the blind test come from the library's proof_record.yaml, the orig
 hidden effects. All other tables come from validation_results.yaml in this folder.
 """
 
-from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,11 +12,11 @@ import yaml
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
-from virtual_phantom.proof.hiding.catalogue import MODELS
-from virtual_phantom.proof.scoring.record import summary
-from virtual_phantom.report.proof import tally
+from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
+from virtual_phantom.proof.scoring.record import class_table, result_table
 from virtual_phantom.statistics.proof_record import read_proof_record
 
+RUN = read_proof_record(RESOURCES / "proof_record.yaml")[-1]
 RESULTS = Path(__file__).with_name("validation_results.yaml")
 HEAD = """# Validation record
 
@@ -28,53 +27,38 @@ This page is generated from `proof_record.yaml` and `docs/generators/validation_
 
 def page() -> str:
     """Return the page in Markdown."""
-    parts = [HEAD, "## Blind test by seed", by_seed(), coverage(), origins()]
+    parts = [HEAD, "## Last blind test", last_run(), coverage(), origins()]
     for section in yaml.safe_load(RESULTS.read_text(encoding="utf-8")):
         parts.append(f"## {section['section']}")
         parts += [result(one) for one in section["tables"]]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
-def by_seed() -> str:
-    """Return the counts of every unseen seed, the pooled counts, and in what the states of the code differ."""
-    shown = summary(read_proof_record(RESOURCES / "proof_record.yaml"))
-    counted = [one for one in shown["seeds"] if one["seed"] in shown["pooled_seeds"]]
-    rows = [
-        [
-            name,
-            *("{} of {}".format(*one["counts"][key]) for one in counted),
-            tally(shown["pooled"][key]).replace("\N{NO-BREAK SPACE}", " "),
-        ]
-        for key, name in shown["quantities"].items()
-    ]
-    notes = [f"Seed {one['seed']}, state {one['state']}: {' '.join(one['note'].split())}" for one in shown["seeds"]]
-    lines = table(["", *(f"seed {one['seed']}" for one in counted), "pooled (95 % interval)"], rows)
-    return "\n".join([lines, "", shown["meaning"], "", *(f"* {note}" for note in notes)])
+def last_run() -> str:
+    """Return the results of the last run, in all and by class of cases."""
+    attempts = ", ".join(f"{event} {count} times" for event, count in RUN.attempts.items())
+    note = f"Seed {RUN.seed}, commit {RUN.commit}, {RUN.cases} cases, scoring rule {RUN.rule}. {RUN.note}"
+    logged = f"Log of runs of this commit: {attempts}." if attempts else ""
+    return "\n\n".join(filter(None, ["\n".join(result_table(RUN)), "\n".join(class_table(RUN)), note, logged]))
 
 
 def coverage() -> str:
-    """Return how many 95 % intervals covered the true value, by effect or group of effects and seed."""
-    entries = [one for one in read_proof_record(RESOURCES / "proof_record.yaml") if one.unseen and one.coverage]
-    found: dict[tuple[str, ...], dict[int, str]] = defaultdict(dict)
-    for entry in entries:
-        for part in entry.coverage:
-            found[part.effects][entry.seed] = f"{part.count} of {part.n}"
-    rows = [
-        [", ".join(map(label, effects)), *(counts.get(entry.seed, "") for entry in entries)]
-        for effects, counts in sorted(found.items())
-    ]
-    head = ["effects", *(f"seed {entry.seed}" for entry in entries)]
-    return "### Coverage of 95 % intervals by effect\n\n" + table(head, rows)
+    """Return how many 95 % intervals of the last run covered the true value, by effect."""
+    rows = [[label(name), f"{count} of {n}"] for name, (count, n) in sorted(RUN.coverage.items())]
+    return "### Coverage of 95 % intervals by effect\n\n" + table(
+        ["effect", "intervals that cover the true value"], rows
+    )
 
 
 def origins() -> str:
-    """Return whose equations make each hidden effect."""
+    """Return whose equations make each hidden effect, and which effects are never hidden."""
     rows = []
     for model, made in MODELS.items():
         known, lacking = ([label(one) for one in made if (one in names()) == wanted] for wanted in (True, False))
         rows.append([model, ", ".join(known), ", ".join(lacking)])
     head = ["made by", "effects of Virtual Phantom", "faults outside the library"]
-    return "### Origin of the equations\n\n" + table(head, rows)
+    never = f"Never hidden: {', '.join(map(label, never_hidden()))}."
+    return "\n\n".join(["### Origin of the equations", table(head, rows), never])
 
 
 def result(one: dict) -> str:

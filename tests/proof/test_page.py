@@ -11,19 +11,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from PIL import Image
-from proof_suite import DIAGNOSES, TRUTHS, diagnosis, truth, write_suite
+from proof_suite import DIAGNOSES, TRUTHS, diagnosis, judged, truth, write_suite
 
-from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
-from virtual_phantom.proof.hiding.case import Case, collect
-from virtual_phantom.proof.hiding.catalogue import REPEATED, XCIST
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.case import completed
 from virtual_phantom.proof.hiding.suite import check_recordings
+from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
 from virtual_phantom.proof.scoring.real import minutes, row
-from virtual_phantom.proof.scoring.score import score
+from virtual_phantom.proof.scoring.registration import registration
+from virtual_phantom.proof.scoring.score import SOURCES, score
 from virtual_phantom.report.proof import blind_validation_page, percent
-from virtual_phantom.statistics.proof_record import pooled_counts, read_proof_record
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,11 +39,14 @@ def made(tmp_path_factory):
     """Outputs of the script for the suite of nine cases."""
     folder = tmp_path_factory.mktemp("suite")
     inputs = Given(write_suite(folder), maps=[folder / "diagnosis" / truth["case"] / "maps" for truth in TRUTHS])
-    inputs |= {"real": [], "real_maps": [], "times": [], "record": RESOURCES / "proof_record.yaml"}
+    registered = registration(4711, {}, map(completed, TRUTHS), inputs["seals"])
+    seal.write(registered, folder / "registration.json")
+    inputs |= {"real": [], "real_maps": [], "times": [], "registration": folder / "registration.json"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
     output = Given({name: folder / name.replace("_", ".") for name in names})
     output |= {"score": folder / "score.json", "page": folder / "index.html"}
-    params = Given(suite={"seed": 4711})
+    output["runs"] = folder / "runs.jsonl"
+    params = Given(suite={"seed": 4711}, runs=output["runs"])
     snakemake = SimpleNamespace(input=inputs, output=Given(output), params=params, log=[folder / "log"], threads=1)
     runpy.run_path(str(ROOT / "workflow/scripts/score_proof.py"), {"snakemake": snakemake})
     return output
@@ -57,13 +60,10 @@ def test_job_writes_everything(made):
         assert made[name].read_bytes().startswith(b"%PDF")
 
 
-def test_page_shows_all_seeds_and_the_origin_of_their_models(made):
-    text = made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ")
-    entries = read_proof_record(RESOURCES / "proof_record.yaml")
-    count, n = pooled_counts(entries)["intervals"]
-    assert f"{count} of {n} (" in text and "Targets, seed 4711" in text
-    for entry in entries:
-        assert f"Seed {entry.seed} (" in text
+def test_page_shows_the_registration_and_the_origin_of_the_models(made):
+    text = " ".join(made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ").split())
+    assert "This run does not count: its seed was chosen" in text and "seed 4711, 9 cases, scoring rule 2" in text
+    assert '"event": "scored"' in made["runs"].read_text()
     never = (
         "contrast dependent resolution, crescent, current along z, detector roll, detector skew, detector tilt, "
         "resampling, residual cupping, rings, slice thickness, slow afterglow, truncation, water correction."
@@ -72,7 +72,7 @@ def test_page_shows_all_seeds_and_the_origin_of_their_models(made):
         f"never hidden, and therefore not tested: anti scatter grid, {never}" in text
         and "shares no physics" not in text
     )
-    assert REPEATED in unescape(text) and XCIST in unescape(text)
+    assert all(source in unescape(text) for source in SOURCES.values())
     assert "tenth percentile" in text and "53 %" in text  # for wrong names
 
 
@@ -91,7 +91,7 @@ def test_page_escapes_its_text(made):
 
 
 def test_names_of_hidden_effects_and_cases_are_escaped():
-    case = Case(truth("<i>", "unknown", {"!<script>": {}}), diagnosis("<i>", "unexplained"))
+    case = judged(truth("<i>", "unknown", {"!<script>": {}}), diagnosis("<i>", "unexplained"))
     blank = np.zeros((2, 2))
     text = blind_validation_page(score([case]), {"<i>": (blank, blank)}, {"<i>": '"><script>'})
     assert "<script>" not in text and "<i>" not in text and "&lt;script&gt;" in text
@@ -129,7 +129,7 @@ def test_page_shows_its_maps(made):
 
 def test_example_is_the_median_of_the_strongest():
     cases = [
-        Case(
+        judged(
             truth(f"c{i}", "single", {"heel": {}}, strength),
             diagnosis(f"c{i}", "mismatch explained", {"heel": {}}, removed=removed),
         )
@@ -137,10 +137,10 @@ def test_example_is_the_median_of_the_strongest():
     ]
     assert example(cases).name == "c0" and example(cases[1:3]).name == "c1" and example(cases[3:]).name == "c3"
     of_mean = truth("c9", "single", {"scatter": {}}, "weak", ["projections"])
-    right = Case(of_mean, diagnosis("c9", "mismatch explained", {"scatter": {}}, removed=0.5))
+    right = judged(of_mean, diagnosis("c9", "mismatch explained", {"scatter": {}}, removed=0.5))
     assert example([*cases, right]).name == "c9"  # the effect in the mean, before a stronger one
     wrong, unexplained = (
-        Case(of_mean, diagnosis("c9", verdict, named, removed=0.5))
+        judged(of_mean, diagnosis("c9", verdict, named, removed=0.5))
         for verdict, named in (("mismatch explained", {"heel": {}}), ("mismatch partly explained", {"scatter": {}}))
     )
     assert example([*cases, wrong, unexplained]).name == "c0"

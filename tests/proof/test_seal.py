@@ -8,7 +8,7 @@ from proof_suite import SALT, TRUTHS, write_suite
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.proof.hiding import seal
-from virtual_phantom.proof.hiding.case import collect
+from virtual_phantom.proof.scoring.collect import collect
 
 
 def changed(path, change):
@@ -81,6 +81,7 @@ def test_exchanged_truths_are_detected(tmp_path):
 def test_unpublished_case_is_detected(tmp_path):
     suite_files = write_suite(tmp_path)
     changed(suite_files["seals"], lambda seals: seals.pop("case_03"))
+    del suite_files["verdicts"][2]
     with pytest.raises(InputError, match="case_03 is not among the published seals"):
         collect(**suite_files)
 
@@ -106,13 +107,22 @@ def test_additional_space_in_a_diagnosis_is_detected(tmp_path):
     path = suite_files["diagnoses"][0]
     path.write_text(path.read_text() + " ")
     with pytest.raises(InputError, match="was changed after"):
-        seal.check_verdict(path, suite_files["verdicts"][0], suite_files["others"][0])
+        collect(**suite_files)
 
 
 def test_changed_verdict_is_detected(tmp_path):
     suite_files = write_suite(tmp_path)
-    changed(suite_files["verdicts"][1], lambda verdict: verdict.update(diagnosis_sha256="0" * 64))
+    path = suite_files["verdicts"][1]
+    seal.write(seal.read(path) | {"files": seal.read(path)["files"] | {"diagnosis_sha256": "0" * 64}}, path)
     with pytest.raises(InputError, match="case_02/diagnosis.json: was changed after its verdict"):
+        collect(**suite_files)
+
+
+def test_verdict_other_than_its_diagnosis_is_detected(tmp_path):
+    suite_files = write_suite(tmp_path)
+    path = suite_files["verdicts"][1]
+    seal.write(seal.read(path) | {"effects": [["focal_spot"]]}, path)
+    with pytest.raises(InputError, match="case_02.json: the verdict differs from .*case_02/diagnosis.json"):
         collect(**suite_files)
 
 
@@ -126,7 +136,8 @@ def test_exchanged_diagnoses_are_detected(tmp_path):
 def test_diagnosis_of_another_case_is_detected_although_it_was_bound(tmp_path):
     suite_files = write_suite(tmp_path)
     seal.write(seal.read(suite_files["diagnoses"][2]), suite_files["diagnoses"][3])
-    seal.write(seal.verdict_of("case_04", suite_files["diagnoses"][3]), suite_files["verdicts"][3])
+    path = suite_files["verdicts"][3]
+    seal.write(seal.read(path) | {"files": seal.files_of(suite_files["diagnoses"][3])}, path)
     with pytest.raises(InputError, match="case_04/diagnosis.json: is the diagnosis of 'case_03'"):
         collect(**suite_files)
 
@@ -137,15 +148,20 @@ def test_table_of_another_protocol_is_bound_too(tmp_path):
     with pytest.raises(InputError, match="case_01/held_out_protocol.json: was changed after its verdict"):
         collect(**suite_files)
     del suite_files["others"][0]
-    with pytest.raises(InputError, match="verdicts/case_01.json: does not match the present files of case_01"):
+    with pytest.raises(InputError, match="case_01.json: the verdict does not match the present files of case_01"):
         collect(**suite_files)
 
 
 @pytest.mark.parametrize(
-    ("key", "what"), [("sealed", "sealed truth"), ("diagnoses", "diagnosis"), ("verdicts", "verdict")]
+    ("key", "message"),
+    [
+        ("sealed", "seals.json: case_05 was published but has no sealed truth"),
+        ("diagnoses", "seals.json: case_05 was published but has no diagnosis"),
+        ("verdicts", "case_05.json: is missing"),
+    ],
 )
-def test_every_published_case_counts(tmp_path, key, what):
+def test_every_published_case_counts(tmp_path, key, message):
     suite_files = write_suite(tmp_path)
     del suite_files[key][4]
-    with pytest.raises(InputError, match=f"seals.json: case_05 was published but has no {what}"):
+    with pytest.raises(InputError, match=message):
         collect(**suite_files)

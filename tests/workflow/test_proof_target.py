@@ -2,9 +2,14 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 from workflow_runs import planned, tiny
+
+from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.settings import FitSettings
 
 # A quick diagnosis: the fault that the library lacks shows in the object, and few views.
 QUICK = {"seed": 2031, "unknown_kinds": ["wrong_insert"], "scan": {"views": 24}, "held_out_protocol": {"views": 24}}
@@ -32,7 +37,7 @@ def proof(tmp_path_factory):
     assert process.returncode == 0, process.stderr[-4000:]
     shutil.move(folder / "sealed", made / "sealed")
     shutil.move(folder / "seals.json", made / "seals.json")
-    process = quick(results, "proof")
+    process = quick(results, "proof", "hide", "score")
     assert process.returncode == 0, process.stderr[-4000:]
     return results
 
@@ -43,6 +48,34 @@ def test_all_outputs_exist_and_are_scored(proof):
     score = json.loads((proof / "proof" / "score.json").read_text())
     assert score["counts"]["cases"] == 6
     assert planned(quick(proof, "proof", "-n")) == {}
+
+
+def test_suite_for_other_programs_is_described(proof):
+    """A request for the diagnosis can be made of it, and it names no hidden effect."""
+    suite = json.loads((proof / "proof" / "suite.json").read_text())
+    given = suite["cases"]["case_01"]
+    request = DiagnosisRequest.of(from_mapping(FitSettings, given["model"]), given["object"]["phantom"], 1)
+    assert (Path(request.folder) / "recording.yaml").exists() and Path(request.phantom).exists()
+    assert "scatter" in given["effects"] and suite["effects"]["electronic_noise"] == {"photons": "photons"}
+    assert given.keys() == {"recording", "object", "model", "effects"}
+
+
+def test_suite_is_scored_as_the_diagnosis(proof):
+    folder = proof / "proof"
+    score = json.loads((folder / "score.json").read_text())
+    program = json.loads((folder / "programs" / "diagnosis" / "score.json").read_text())
+    assert program == {"program": "diagnosis"} | score["headline"]
+    hashes = json.loads((folder / "programs" / "diagnosis" / "hashes.json").read_text())
+    assert len(hashes) == 6
+
+
+def test_run_is_registered_and_logged(proof):
+    registered = json.loads((proof / "proof" / "registration.json").read_text())
+    assert (registered["seed"], registered["cases"], registered["simulators"]) == (2031, 6, ["xcist"])
+    events = [json.loads(line)["event"] for line in (proof / "proof" / "runs.jsonl").read_text().splitlines()]
+    assert events == ["registered", "scored"]
+    score = json.loads((proof / "proof" / "score.json").read_text())
+    assert not score["registration"]["counts"] and "its seed was chosen" in score["registration"]["reasons"]
 
 
 def test_strong_effects_are_named(proof):
@@ -66,3 +99,5 @@ def test_diagnosis_changed_after_its_verdict_is_rejected(proof, tmp_path):
     process = quick(copy, "proof", "--allowed-rules", "proof", "proof_score")
     assert process.returncode != 0
     assert "case_01" in process.stderr and "diagnosis" in process.stderr
+    *_, last = (copy / "proof" / "runs.jsonl").read_text().splitlines()
+    assert json.loads(last)["event"] == "failed"

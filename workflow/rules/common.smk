@@ -55,4 +55,5 @@ wildcard_constraints:
     recording="[A-Za-z0-9_]+",
     comparison="[A-Za-z0-9_]+",
     case="case_[0-9]+",
+    program="[^/]+",
     phantom="|".join(context.proof.phantoms),

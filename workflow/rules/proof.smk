@@ -25,15 +25,18 @@ rule proof_phantom:
 
 
 rule proof_seal:
-    """Draw and seal the hidden physics of each case; publish the seals before any scan."""
+    """Draw and seal the hidden physics of each case; publish the seals and register the run before any scan."""
     output:
         sealed=proof.all("sealed"),
         seals=results("proof/seals.json"),
+        registration=results("proof/registration.json"),
     log:
         results("logs/proof/seal.log"),
     localrule: True
     params:
         settings=proof.hiding,
+        stated_seed=context.study.proof.seed,
+        runs=proof.runs_file,
         code=code("seal_proof.py"),
     script:
         "../scripts/seal_proof.py"
@@ -117,7 +120,7 @@ rule proof_elsewhere:
 
 
 rule proof_verdicts:
-    """Hash each diagnosis and its comparison with another protocol, before any seal is opened."""
+    """The verdict document of each diagnosis, with hashes of the diagnosis, before any seal is opened."""
     input:
         diagnoses=proof.all("proof_diagnosis"),
         others=proof.all("proof_elsewhere"),
@@ -144,7 +147,7 @@ rule proof_score:
         times=proof.times(),
         real=proof.real("diagnosis"),
         real_maps=proof.real("diagnosis_maps"),
-        record=resource("proof_record.yaml"),
+        registration=rules.proof_seal.output.registration,
     output:
         score=results("proof/score.json"),
         page=reported("proof/score.html"),
@@ -159,6 +162,7 @@ rule proof_score:
         runtime=20,
     params:
         suite=to_mapping(proof.settings),
+        runs=proof.runs_file,
         code=code("score_proof.py"),
     script:
         "../scripts/score_proof.py"
@@ -169,3 +173,58 @@ rule proof:
     input:
         rules.proof_score.output,
     localrule: True
+
+
+rule proof_suite:
+    """Describe for other programs what the diagnosis of each case is given."""
+    output:
+        results("proof/suite.json"),
+    log:
+        results("logs/proof/suite.log"),
+    localrule: True
+    params:
+        cases=lambda wildcards: proof.given(),
+        effects=sorted(set().union(*proof.tried.values())),
+        code=code("proof_suite.py"),
+    script:
+        "../scripts/proof_suite.py"
+
+
+rule hide:
+    """A suite of the blind validation for any program: recordings, known objects and seals, without diagnoses."""
+    input:
+        rules.proof_seal.output,
+        rules.proof_suite.output,
+        proof.all("proof_recording"),
+        proof.all("proof_held_out"),
+    localrule: True
+
+
+rule score_verdicts:
+    """Open the seals of a suite and score the verdicts of a program: those of the key verdicts, or of the diagnosis."""
+    input:
+        sealed=rules.proof_seal.output.sealed,
+        seals=rules.proof_seal.output.seals,
+        verdicts=proof.verdict_files(),
+    output:
+        hashes=results("proof/programs/{program}/hashes.json"),
+        score=results("proof/programs/{program}/score.json"),
+        table=results("proof/programs/{program}/score.md"),
+    log:
+        results("logs/proof/score_{program}.log"),
+    localrule: True
+    params:
+        code=code("score_verdicts.py"),
+    script:
+        "../scripts/score_verdicts.py"
+
+
+rule score:
+    """The score of the verdicts in the folder that the key verdicts names."""
+    input:
+        expand(rules.score_verdicts.output, program=proof.program),
+    localrule: True
+
+
+onerror:
+    proof.log_failure(log)

@@ -1,13 +1,18 @@
 """Record of the blind validation (docs/validation/blind-validation.md), proof_record.yaml. Run it by hand:
 
-python workflow/scripts/proof_record.py add results/proof/score.json --state COMMIT --note "what differs" [--seen]
-python workflow/scripts/proof_record.py coverage FIRST/score.json SECOND/score.json   95 % intervals side by side
-python workflow/scripts/proof_record.py rows results/proof/score.json    one run as the table of the page
-python workflow/scripts/proof_record.py pooled                           all unseen seeds, with intervals
+python workflow/scripts/proof_record.py add results/proof/score.json --note "what to know"
+    add a registered run and fill the pages
+python workflow/scripts/proof_record.py pages
+    fill the pages with the last run
+python workflow/scripts/proof_record.py coverage FIRST/score.json SECOND/score.json
+    coverage of 95 % intervals side by side
+python workflow/scripts/proof_record.py rows results/proof/score.json
+    one run as a table
 """
 
 import argparse
 import sys
+from pathlib import Path
 
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
@@ -15,43 +20,45 @@ from virtual_phantom.io.documents import SCORE, read_document
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.scoring import record
 from virtual_phantom.proof.scoring.rows import rows
-from virtual_phantom.report.proof import tally
 from virtual_phantom.statistics.proof_record import read_proof_record
 
 RECORD = RESOURCES / "proof_record.yaml"
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ("README.md", "docs/validation/blind-validation.md")  # with the results of the last run
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--record", default=RECORD, help="another record")
+    parser.add_argument("--root", type=Path, default=ROOT, help="another folder with the pages")
     tasks = parser.add_subparsers(dest="task", required=True)
     add = tasks.add_parser("add")
-    add.add_argument("score", help="a run's score.json")
-    add.add_argument("--state", required=True, help="of the code: its commit or version")
-    add.add_argument("--note", required=True, help="in what the code or the suite differs from the last entry's")
-    add.add_argument("--seen", action="store_true", help="the seed had been looked at, or something was tuned on it")
+    add.add_argument("score", help="score.json of a registered run")
+    add.add_argument("--note", required=True, help="what a reader must know before comparing the counts with others")
+    tasks.add_parser("pages")
     coverage = tasks.add_parser("coverage")
-    coverage.add_argument("first", help="a run's score.json")
-    coverage.add_argument("second", help="another's")
-    tasks.add_parser("rows").add_argument("score", help="a run's score.json")
-    tasks.add_parser("pooled")
+    coverage.add_argument("first", help="score.json of a run")
+    coverage.add_argument("second", help="score.json of another run")
+    tasks.add_parser("rows").add_argument("score", help="score.json of a run")
     asked = parser.parse_args()
     try:
-        if asked.task == "add":
-            record.add(asked.record, read_document(asked.score, SCORE), asked.state, asked.note, unseen=not asked.seen)
         if asked.task == "coverage":
             print("\n".join(record.coverage_table(seal.read(asked.first), seal.read(asked.second))))
             return 0
         if asked.task == "rows":
             print("\n".join(rows(read_document(asked.score, SCORE))))
             return 0
-        shown = record.summary(read_proof_record(asked.record))
+        if asked.task == "add":
+            runs = Path(asked.score).with_name("runs.jsonl")
+            record.add(asked.record, read_document(asked.score, SCORE), runs, asked.note)
+        run = read_proof_record(asked.record)[-1]
     except InputError as error:
         print(f"Error: {error}", file=sys.stderr)
         return 1
-    print(f"seeds {', '.join(map(str, shown['pooled_seeds']))}")
-    for name, share in shown["pooled"].items():
-        print(f"{shown['quantities'][name]}: {tally(share)}")
+    for page in PAGES:
+        path = asked.root / page
+        path.write_text(record.filled(path.read_text(encoding="utf-8"), run), encoding="utf-8")
+        print(f"{page}: run of commit {run.commit}")
     return 0
 
 

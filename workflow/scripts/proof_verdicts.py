@@ -1,18 +1,20 @@
-"""Store a hash of every diagnosis of the blind validation before the hidden effects are revealed.
+"""Write the verdict document of each diagnosis of the blind validation, with the hashes of the files behind it.
 
-The hash shows later that no diagnosis was changed after the hidden effects were known.
+The hashes show later that no diagnosis was changed after the hidden effects were known.
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 
+from virtual_phantom.io.documents import VERDICT, write_document
 from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.scoring.verdicts import verdict_document
 from virtual_phantom.study.job import job
 
 
 def main(*, diagnoses: Sequence[str], others: Sequence[str], outputs: Sequence[str]) -> None:
     for diagnosis, other, path in zip(diagnoses, others, outputs, strict=True):
-        seal.write(seal.verdict_of(Path(path).stem, diagnosis, other), path)
+        files = seal.files_of(diagnosis, other)
+        write_document(verdict_document(seal.read(diagnosis)) | {"files": files}, path, VERDICT)
 
 
 if "snakemake" in globals():

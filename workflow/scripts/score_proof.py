@@ -7,12 +7,13 @@ from pathlib import Path
 from virtual_phantom.figures import before_after, confusion, style
 from virtual_phantom.io.documents import SCORE, write_document
 from virtual_phantom.io.files import write_text
-from virtual_phantom.proof.hiding.case import collect
+from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
 from virtual_phantom.proof.scoring.real import minutes, row
+from virtual_phantom.proof.scoring.registration import assessed, log_run
 from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.proof import blind_validation_page
-from virtual_phantom.statistics.proof_record import read_proof_record
 from virtual_phantom.study.job import job, log
 
 
@@ -27,7 +28,8 @@ def main(
     real_diagnoses: Sequence[str],
     case_maps: Sequence[str],
     real_maps: Sequence[str],
-    record: str,
+    registration_file: str,
+    runs_file: str,
     score_file: str,
     page_file: str,
     confusion_png: str,
@@ -38,7 +40,8 @@ def main(
 ) -> None:
     cases = collect(sealed, seals, verdicts, diagnoses, others)
     real = [row(path) for path in real_diagnoses]
-    found = score(cases, minutes(times), real, suite, read_proof_record(record))
+    registration = assessed(seal.read(registration_file), seals)
+    found = score(cases, minutes(times), real, suite, registration)
     maps = {Path(folder).parent.name: residual_maps(folder) for folder in [*case_maps, *real_maps]}
     reports = {
         Path(path).parent.name: Path(os.path.relpath(Path(path).with_name("report.html"), Path(page_file).parent))
@@ -50,6 +53,7 @@ def main(
     shown = example(cases)
     figure = before_after.draw(*maps[shown.name], shown.kind, *in_words(shown))
     style.save(figure, [example_png, example_pdf])
+    log_run(runs_file, "scored", registration)
     for target in found["targets"]:
         log.info("%s: %s, target %s %s", target["what"], target["value"], target["sense"], target["target"])
 
@@ -66,7 +70,8 @@ if "snakemake" in globals():
             real_diagnoses=snakemake.input.real,
             case_maps=snakemake.input.maps,
             real_maps=snakemake.input.real_maps,
-            record=snakemake.input.record,
+            registration_file=snakemake.input.registration,
+            runs_file=snakemake.params.runs,
             score_file=snakemake.output.score,
             page_file=snakemake.output.page,
             confusion_png=snakemake.output.confusion_png,

@@ -288,6 +288,7 @@ class Study:
     public_scans: PublicScanSettings
     subset: str
     keep_scans: bool
+    verdicts: str
     downloads: Downloads
     analyses: Analyses
 

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from ..base.streams import Branch
@@ -15,7 +15,7 @@ from ..physics.effect import applicable_effects
 from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from ..recordings.scan import ELEMENT
-from ..statistics.proof_record import SeedResult, with_coverage
+from ..statistics.proof_record import RecordedRun, with_coverage
 from .assumptions import model_assumptions
 from .candidate_effects import require_angles
 from .comparison.regions import ScannedVolume
@@ -62,7 +62,7 @@ def run_diagnosis(
     study_rois: tuple[str, str] | None = None,
     shape_rois: bool = True,
     thresholds: Mapping[str, float] | None = None,
-    coverage: Iterable[SeedResult] | None = None,
+    coverage: Sequence[RecordedRun] | None = None,
     start_of_fits: StartOfFits | None = None,
 ) -> Diagnosis:
     """Diagnose a recording.
@@ -89,7 +89,7 @@ def run_diagnosis(
         Whether an object of shapes is compared in its ROIs.
     thresholds : mapping of str to float, optional
         Relevance thresholds (`diagnosis.matters`); None: every significant effect is relevant.
-    coverage : iterable of SeedResult, optional
+    coverage : sequence of RecordedRun, optional
         Record of the blind validation, for the coverage of confidence intervals.
     start_of_fits : callable, optional
         See StartOfFits; without it no fit is reused and no progress reported.

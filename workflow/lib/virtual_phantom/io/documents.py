@@ -12,10 +12,11 @@ from .schema import read_schema, validate
 
 # Names of files NAME.schema.yaml in SCHEMAS
 DIAGNOSIS, SCORE, SCANNER, IMAGE_QUALITY = "diagnosis", "score", "scanner", "image_quality"
+VERDICT, PROGRAM_SCORE = "verdict", "program_score"
 
 
 def write_document(content: dict, path: str | Path, kind: str) -> None:
-    """Write a document of one of the kinds DIAGNOSIS, SCORE, SCANNER and IMAGE_QUALITY.
+    """Write a document of one of the kinds above.
 
     Raises
     ------
@@ -27,7 +28,7 @@ def write_document(content: dict, path: str | Path, kind: str) -> None:
 
 
 def read_document(path: str | Path, kind: str) -> dict:
-    """Read a document of one of the kinds DIAGNOSIS, SCORE, SCANNER and IMAGE_QUALITY.
+    """Read a document of one of the kinds above.
 
     Raises
     ------

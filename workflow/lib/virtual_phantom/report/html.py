@@ -82,7 +82,7 @@ def _chance(p: float) -> str:
 
 
 def _coverage(held: Mapping) -> str:
-    """Describe the coverage of noise-only intervals (proof_record.with_coverage) in a sentence."""
+    """Describe the coverage of 95 % intervals (proof_record.with_coverage) in a sentence."""
     counts = "{count} of {n} parameters of all effects".format(**held["all"])
     if held["n"]:
         effects = enumerated([label(name) for name in held["effects"]])
@@ -90,7 +90,7 @@ def _coverage(held: Mapping) -> str:
     else:
         counts += " (none of this effect were tested)"
     return (
-        "The interval includes noise and model errors (model_accuracy). In the blind validation, noise-only intervals "
+        "The interval includes noise and model errors (model_accuracy). In the blind validation, such intervals "
         f"covered the true values of {counts}."
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 from ..base.errors import InputError
 from ..figures import confusion
 from ..figures.before_after import MAP_LIMIT, thumbnail
+from ..statistics.proof_record import QUANTITIES
 from .agreement_table import NAMES
 from .html import COLORS, OTHER_COLOR, data_url, number, picture, render
 
@@ -43,6 +44,7 @@ def blind_validation_page(
         filters,
         s=score,
         names=NAMES,
+        quantities=QUANTITIES,
         matrix=picture(confusion.draw(score["confusion"])),
         pictures=pictures,
         reports=reports,
@@ -64,7 +66,7 @@ def tally(share: Mapping) -> str:
     if not share["n"]:
         return "no cases"
     low, high = (percent(bound) for bound in share["ci95"])
-    text = f"{share['count']} of {share['n']} ({percent(share['share'])}; {low.removesuffix(' %')} to {high})"
+    text = f"{share['count']:.4g} of {share['n']} ({percent(share['share'])}; {low.removesuffix(' %')} to {high})"
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 

@@ -1,4 +1,4 @@
-"""Record of the blind validation: counts of every scored seed, and coverage of the stated intervals.
+"""Record of the blind validation: counts of every registered run, and coverage of the stated intervals.
 
 A diagnosis reads these counts to report the coverage of its intervals. The module is separate from the blind validation
 itself, which a diagnosis must not know.
@@ -6,7 +6,7 @@ itself, which a diagnosis must not know.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,120 +15,103 @@ import yaml
 from ..base.errors import InputError, refusing
 from ..io.files import read_text
 
-# {count: description}
+# {quantity: description}
 QUANTITIES = {
-    "first_medium_or_strong": "one effect of medium or strong size: ranked first",
+    "first_medium_or_strong": "one medium or strong effect: ranked first",
     "first_weak": "one weak effect: ranked first",
+    "exact": "one or two effects: precisely these named",
     "pairs": "two effects: both named",
-    "false_alarms": "no hidden effect: false alarms",
-    "unknown": "an effect outside of Virtual Phantom: reported as unexplained",
-    "exact": "exactly the hidden effects, and no others",
-    "intervals": "95 % intervals of parameters that covered the true value",
+    "false_alarms": "nothing hidden: false alarms",
+    "false_alarms_undeclared": "nothing hidden but a small undeclared deviation: false alarms",
+    "unknown": "a fault outside of Virtual Phantom: reported as unexplained",
+    "intervals": "95 % intervals of parameters that cover the true value",
 }
+Count = tuple[float, int]  # sum of the scores, and their number
 
 
 @dataclass(frozen=True)
-class IntervalCoverage:
-    """Number of 95 % intervals of these effects' parameters that covered the true value: `count` of `n`."""
-
-    effects: tuple[str, ...]
-    count: int
-    n: int
-
-
-@dataclass(frozen=True)
-class SeedResult:
-    """Scores of one seed.
+class RecordedRun:
+    """Counts of one run.
 
     Attributes
     ----------
-    unseen : bool
-        Whether nothing had been tuned on this seed, and nobody had looked at it, when it was scored.
-    state : str
-        State of the code that was run.
+    commit : str
+        Commit of the code that was run.
+    registered : bool
+        Whether the run was registered before its scans (proof.scoring.registration).
+    rule : int
+        Version of the scoring rule.
     note : str
-        Differences from the other seeds.
-    cases : int or None
-        Number of cases; None if the suite was not run completely.
-    counts : mapping of str to tuple of 2 int
-        {name of QUANTITIES: (count, n)}; empty if the suite was not run completely.
-    coverage : tuple of IntervalCoverage
-        Per effect, or per group of effects if the record has no more detail.
+        What a reader must know before comparing the counts with others.
+    counts, own : mapping of str to tuple
+        {name of QUANTITIES: (sum of scores, n)}, without and with the library's own equations; `own` is empty if
+        `counts` has all cases.
+    worst : mapping of str to str
+        {name of QUANTITIES: the worst class of cases in words}.
+    classes : mapping
+        {kind of class: {class: {name of QUANTITIES: (sum of scores, n)}}}.
+    coverage : mapping of str to tuple
+        {effect: (number of 95 % intervals that cover the true value, n)}.
+    attempts : mapping of str to int
+        {event of the log of runs: number}.
     """
 
     seed: int
-    unseen: bool
-    state: str
+    commit: str
+    registered: bool
+    rule: int
+    cases: int
     note: str
-    cases: int | None = None
-    counts: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    coverage: tuple[IntervalCoverage, ...] = ()
+    counts: Mapping[str, Count]
+    own: Mapping[str, Count] = field(default_factory=dict)
+    worst: Mapping[str, str] = field(default_factory=dict)
+    classes: Mapping[str, Mapping[str, Mapping[str, Count]]] = field(default_factory=dict)
+    coverage: Mapping[str, Count] = field(default_factory=dict)
+    attempts: Mapping[str, int] = field(default_factory=dict)
 
 
-def read_proof_record(path: str | Path) -> tuple[SeedResult, ...]:
-    """Read the results of all seeds; InputError if the file is missing or broken, or has a seed twice."""
+def read_proof_record(path: str | Path) -> tuple[RecordedRun, ...]:
+    """Read all runs; InputError if the file is missing or broken, or has a commit twice. The last one is published."""
     kinds = (OSError, KeyError, TypeError, ValueError, AttributeError, yaml.YAMLError)
     with refusing(f"{path}: is not a record of the blind validation", *kinds, advice="restore it"):
-        results = tuple(_seed_result(entry) for entry in yaml.safe_load(read_text(path, "restore it")))
-    seeds = [result.seed for result in results]
-    if twice := sorted({seed for seed in seeds if seeds.count(seed) > 1}):
-        raise InputError(f"{path}: has seed {twice[0]} twice; keep the first score of a seed")
-    return results
+        runs = tuple(_run(entry) for entry in yaml.safe_load(read_text(path, "restore it")))
+    commits = [run.commit for run in runs]
+    if twice := sorted({commit for commit in commits if commits.count(commit) > 1}):
+        raise InputError(f"{path}: has commit {twice[0]} twice; keep the first run of a commit")
+    return runs
 
 
-def _seed_result(entry: Mapping) -> SeedResult:
-    seed, unseen = entry["seed"], entry["unseen"]
-    counts = {name: _pair(pair) for name, pair in entry.get("counts", {}).items()}
-    if counts and set(counts) != set(QUANTITIES):
-        raise ValueError(f"seed {seed} needs the counts {', '.join(QUANTITIES)}")
-    coverage = tuple(
-        IntervalCoverage(tuple(sorted(part["effects"])), *_pair(part["held"])) for part in entry.get("coverage", ())
-    )
-    if not isinstance(unseen, bool):
-        raise ValueError(f"unseen of seed {seed} is neither true nor false")
-    return SeedResult(int(seed), unseen, str(entry["state"]), str(entry["note"]), entry.get("cases"), counts, coverage)
+def _run(entry: Mapping) -> RecordedRun:
+    pairs = {name: _pairs(entry.get(name, {})) for name in ("counts", "own", "coverage")}
+    if unknown := {*pairs["counts"], *pairs["own"]} - set(QUANTITIES):
+        raise ValueError(f"there is no count {sorted(unknown)[0]}")
+    if not isinstance(entry["registered"], bool):
+        raise ValueError(f"registered of commit {entry['commit']} is neither true nor false")
+    classes = {
+        kind: {name: _pairs(counts) for name, counts in values.items()}
+        for kind, values in entry.get("classes", {}).items()
+    }
+    return RecordedRun(**{**entry, **pairs, "classes": classes, "commit": str(entry["commit"])})
 
 
-def _pair(pair: Sequence) -> tuple[int, int]:
-    count, n = pair
-    if not (isinstance(count, int) and isinstance(n, int) and 0 <= count <= n):
-        raise ValueError(f"{pair} is not a count and its total")
-    return count, n
+def _pairs(counts: Mapping[str, Sequence]) -> dict[str, Count]:
+    for count, n in counts.values():
+        if not (isinstance(count, int | float) and isinstance(n, int) and 0 <= count <= n):
+            raise ValueError(f"{[count, n]} is not a count and its total")
+    return {name: (count, n) for name, (count, n) in counts.items()}
 
 
-def pooled_counts(results: Iterable[SeedResult]) -> dict[str, tuple[int, int]]:
-    """Counts over all seeds that were unseen and scored."""
-    counts = [result.counts for result in results if result.unseen and result.counts]
-    return {name: _sum(seed_counts[name] for seed_counts in counts) for name in QUANTITIES}
-
-
-def interval_coverage(results: Iterable[SeedResult], effect: str) -> IntervalCoverage | None:
-    """Coverage of the intervals of an effect's parameters over the unseen seeds; None if it is unknown.
-
-    If a seed has counts for groups of effects only, the smallest group with this effect is used. `effects` of the
-    result are all effects that were counted.
-    """
-    found = []
-    for result in results:
-        if result.unseen and (parts := [part for part in result.coverage if effect in part.effects]):
-            found.append(min(parts, key=lambda part: len(part.effects)))
-    if not found:
-        return None
-    effects = tuple(sorted({name for part in found for name in part.effects}))
-    return IntervalCoverage(effects, *_sum((part.count, part.n) for part in found))
-
-
-def with_coverage(content: dict, results: Sequence[SeedResult]) -> dict:
-    """Add the coverage of noise-only intervals in the blind validation to the content of diagnosis.json.
+def with_coverage(content: dict, runs: Sequence[RecordedRun]) -> dict:
+    """Add the coverage of 95 % intervals in the published run to the content of diagnosis.json.
 
     Every parameter gets `ci95_held`: {count, n, effects, all: {count, n}}. `effects` are the effects that were counted
     together; count, n and effects are None if the coverage is unknown. `all` counts all effects.
     """
-    count, n = pooled_counts(results)["intervals"]
+    count, n = runs[-1].counts["intervals"]
 
     def coverage(effect: str) -> dict:
-        part = interval_coverage(results, effect)
-        known = {"count": part.count, "n": part.n, "effects": list(part.effects)} if part else None
+        found = runs[-1].coverage.get(effect)
+        known = {"count": found[0], "n": found[1], "effects": [effect]} if found else None
         return (known or dict.fromkeys(("count", "n", "effects"))) | {"all": {"count": count, "n": n}}
 
     effects = []
@@ -136,8 +119,3 @@ def with_coverage(content: dict, results: Sequence[SeedResult]) -> dict:
         added = {"ci95_held": coverage(effect["name"])}
         effects.append(effect | {"parameters": {key: value | added for key, value in effect["parameters"].items()}})
     return content | {"effects": effects}
-
-
-def _sum(pairs: Iterable[tuple[int, int]]) -> tuple[int, int]:
-    pairs = list(pairs)
-    return sum(count for count, _ in pairs), sum(n for _, n in pairs)

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..base.console import INTERRUPTED, show_any_character, unexpected
-from ..base.errors import InputError
+from ..base.errors import InputError, lines_of, printed
 from .progress.job_status import remove_status
 
 THREAD_VARIABLES = (
@@ -30,7 +30,7 @@ ERROR_LINE = re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d ERROR (.*)$", re.MULTI
 
 @contextlib.contextmanager
 def job(snakemake) -> Iterator[None]:
-    """Run a script: log and warnings go to the rule's log file, an InputError becomes one line and exit code 1.
+    """Run a script: log and warnings go to the rule's log file, an InputError becomes its lines and exit code 1.
 
     Parameters
     ----------
@@ -54,7 +54,9 @@ def job(snakemake) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        _fail(str(error))
+        for line in lines_of(error)[:-1]:
+            log.error("%s", line)
+        _fail(lines_of(error)[-1], printed(error))
     except MemoryError as error:
         log.error("%s", traceback.format_exc())
         reason = str(error) or "no more is available"
@@ -72,10 +74,10 @@ def job(snakemake) -> Iterator[None]:
             remove_status(log_file)
 
 
-def _fail(message: str) -> None:
-    """Log and print one line, and exit."""
+def _fail(message: str, shown: str | None = None) -> None:
+    """Log one line, print it or the text that is `shown` instead, and exit."""
     log.error("%s", message)
-    print(f"Error: {message}", file=sys.stderr)
+    print(shown or f"Error: {message}", file=sys.stderr)
     sys.exit(1)
 
 

@@ -1,8 +1,9 @@
-"""One case of the blind validation: its truth, its diagnosis and its agreement on another protocol."""
+"""One case of the blind validation: its truth and the verdict on it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
@@ -11,19 +12,14 @@ from ...base.errors import InputError
 from ...diagnosis.residuals.residual_tests import ALPHA
 from ...diagnosis.verdict.verdict import VERDICTS
 from ...physics.effect import names
-from . import seal
-from .catalogue import STRENGTHS
+from .catalogue import MODELS, OTHER, REPEATED, STRENGTHS, XCIST
 
 CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")
 MATCH, EXPLAINED, PARTLY, UNEXPLAINED = VERDICTS
 ADMITTED = (PARTLY, UNEXPLAINED)  # verdicts that report unexplained differences
-# Keys of a diagnosis that are scored or shown.
-SCORED = (
-    *("recording", "verdict", "sentence", "locations", "effects", "ambiguous_with", "ruled_out"),
-    *("excess_removed", "remainder_sd"),
-)
 EFFECTS_OF = {"single": 1, "none": 0, "pair": 2}  # number of effects, all of them in the library
+EQUATIONS = ("simulator", "other", "own")  # source of the equation that makes a hidden effect
 
 
 @dataclass(frozen=True)
@@ -34,14 +30,17 @@ class Case:
     ----------
     truth : dict
         Content of the sealed document.
-    diagnosis : dict
-        Content of diagnosis.json.
+    verdict : dict
+        Verdict document of any program (schemas/verdict.schema.yaml).
+    diagnosis : dict or None
+        Content of diagnosis.json; None if another program gave the verdict.
     other : dict or None
         Metrics of agreement on the held-out protocol; None if there are none.
     """
 
     truth: dict
-    diagnosis: dict
+    verdict: dict
+    diagnosis: dict | None = None
     other: dict | None = None
 
     @property
@@ -65,9 +64,10 @@ class Case:
         return self.truth["strength"]
 
     @property
-    def verdict(self) -> str:
-        """One of VERDICTS."""
-        return self.diagnosis["verdict"]
+    def classes(self) -> dict[str, str]:
+        """Simulator, geometry and object of the case, and the hidden effect if it is a single one."""
+        effect = {"effect": self.hidden[0]} if len(self.hidden) == 1 else {}
+        return {name: self.truth[name] for name in ("simulator", "geometry", "object")} | effect
 
     @property
     def in_library(self) -> bool:
@@ -75,23 +75,54 @@ class Case:
         return self.category != "unknown"
 
     @property
+    def own_equation(self) -> bool:
+        """Whether an equation of the library, implemented again, makes a hidden effect."""
+        return any(effect["equation"] == "own" for effect in self.truth["effects"])
+
+    @property
+    def undeclared(self) -> bool:
+        """Whether the scan has small deviations that the diagnosis was not told."""
+        return bool(self.truth["imperfections"]["undeclared"])
+
+    @property
     def hidden(self) -> tuple[str, ...]:
         """Names of the hidden effects."""
         return tuple(effect["name"] for effect in self.truth["effects"])
 
     @property
+    def groups(self) -> Sequence[Sequence[str]]:
+        """Named effects in the order of rank, each with the effects that were reported as equal."""
+        return self.verdict["effects"]
+
+    @property
     def named(self) -> tuple[str, ...]:
-        """Names of the effects in the order of selection."""
-        return tuple(effect["name"] for effect in self.diagnosis["effects"])
+        """First effect of each group."""
+        return tuple(group[0] for group in self.groups)
 
     @property
     def first(self) -> str | None:
         """Effect that was named first, or None."""
         return self.named[0] if self.named else None
 
+    @property
+    def unexplained(self) -> bool:
+        """Whether the verdict reports unexplained differences."""
+        return self.verdict["unexplained"]
+
+    @property
+    def match(self) -> bool:
+        """Whether the verdict is that nothing is missing."""
+        return not self.groups and not self.unexplained
+
     def with_alternatives(self, effect: str) -> set[str]:
-        """Return a named effect and its reported alternatives, which explain the data as well."""
-        return {effect, *self.diagnosis["ambiguous_with"].get(effect, ())}
+        """Return a named effect and the effects that were reported as equal."""
+        return {name for group in self.groups if group[0] == effect for name in group}
+
+    @property
+    def first_credit(self) -> float:
+        """Score for the effect ranked first: 1/k if a hidden effect is in the first group, of k effects; else 0."""
+        group = self.groups[0] if self.groups else ()
+        return 1 / len(group) if set(group) & set(self.hidden) else 0.0
 
     @property
     def first_right(self) -> bool:
@@ -101,12 +132,13 @@ class Case:
     @property
     def first_or_alternative_right(self) -> bool:
         """Whether the effect named first, or one of its alternatives, is a hidden effect."""
-        return self.first is not None and bool(self.with_alternatives(self.first) & set(self.hidden))
+        return self.first_credit > 0
 
     @property
     def exact(self) -> bool:
-        """Whether precisely the hidden effects were named. Without a hidden effect: whether the verdict is a match."""
-        return set(self.named) == set(self.hidden) and (bool(self.hidden) or self.verdict == MATCH)
+        """Whether precisely the hidden effects were named, none in a group. If nothing is hidden: a match."""
+        alone = all(len(group) == 1 for group in self.groups)
+        return alone and set(self.named) == set(self.hidden) and (bool(self.hidden) or self.match)
 
     @property
     def all_named(self) -> bool:
@@ -114,13 +146,19 @@ class Case:
         return set(self.hidden) <= set(self.named)
 
     @property
+    def all_credit(self) -> float:
+        """Score for all hidden effects: each in a group of its own, with the product of 1/k over these groups."""
+        chosen = (
+            groups
+            for groups in permutations(self.groups, len(self.hidden))
+            if all(effect in group for effect, group in zip(self.hidden, groups, strict=True))
+        )
+        return max((math.prod(1 / len(group) for group in groups) for groups in chosen), default=0.0)
+
+    @property
     def all_or_alternatives_named(self) -> bool:
         """Whether each hidden effect belongs to a separate named effect, as itself or as an alternative."""
-        groups = [self.with_alternatives(name) for name in self.named]
-        return any(
-            all(effect in group for effect, group in zip(self.hidden, chosen, strict=True))
-            for chosen in permutations(groups, len(self.hidden))
-        )
+        return self.all_credit > 0
 
     @property
     def located(self) -> bool:
@@ -132,72 +170,23 @@ class Case:
 
     @property
     def equivalent_named(self) -> bool:
-        """Whether precisely a set of effects that is equivalent to the missing physics was named."""
+        """Whether precisely the hidden faults, or a set of effects that is equivalent to them, were named."""
         equivalents = [set(names) for effect in self.truth["effects"] for names in effect.get("equals", ())]
-        return set(self.named) in equivalents
+        return set(self.named) in [set(self.hidden), *equivalents]
 
     @property
     def reported_unexplained(self) -> bool:
         """Whether the verdict reports unexplained differences or names an equivalent of the missing physics."""
-        return self.verdict in ADMITTED or self.equivalent_named
+        return self.unexplained or self.equivalent_named
 
     @property
     def right(self) -> bool:
         """Whether the answer was the best possible one for the category of the case."""
         if self.category == "none":
-            return self.verdict == MATCH
+            return self.match
         if self.category == "unknown":
             return self.reported_unexplained
         return self.first_right if self.category == "single" else self.all_named
-
-
-def collect(
-    sealed: Iterable[str | Path],
-    seals: str | Path,
-    verdicts: Iterable[str | Path],
-    diagnoses: Iterable[str | Path],
-    others: Iterable[str | Path] = (),
-) -> list[Case]:
-    """Open every seal and check every diagnosis against its verdict.
-
-    Parameters
-    ----------
-    seals : str or Path
-        File of the published seals.
-    diagnoses, others : iterable of str or Path
-        Files in one folder per case, which has the name of the case. `others` are tables of agreement on another
-        protocol.
-
-    Returns
-    -------
-    list of Case
-        Sorted by name.
-
-    Raises
-    ------
-    InputError
-        If a file was changed, is missing (every published case counts) or has invalid content.
-    """
-    published = seal.read(seals)
-    truths = {}
-    for path in sealed:
-        truth = checked(seal.open_seal(path, published), path)
-        truths[truth["case"]] = truth
-    bound = {seal.read(path).get("case"): path for path in verdicts}
-    diagnosed = {Path(path).parent.name: path for path in diagnoses}
-    tables = {Path(path).parent.name: path for path in others}
-    for case in published:
-        for kind, files in (("sealed truth", truths), ("diagnosis", diagnosed), ("verdict", bound)):
-            if case not in files:
-                raise InputError(f"{seals}: {case} was published but has no {kind}; run the missing jobs")
-    return [
-        Case(
-            truths[case],
-            complete(seal.check_verdict(diagnosed[case], bound[case], tables.get(case)), diagnosed[case], case),
-            metrics(tables[case]) if case in tables else None,
-        )
-        for case in sorted(published)
-    ]
 
 
 def checked(truth: dict, source: str | Path) -> dict:
@@ -213,6 +202,8 @@ def checked(truth: dict, source: str | Path) -> dict:
                 raise ValueError(f"the library {has} {effect['name']}, but `known` says otherwise")
             if not isinstance(effect["comparable"], Mapping):
                 raise ValueError(f"comparable of {effect['name']} is not a mapping")
+            if effect.get("equation", EQUATIONS[0]) not in EQUATIONS:
+                raise ValueError(f"equation of {effect['name']} is none of {', '.join(EQUATIONS)}")
         if category == "unknown" and all(known):
             raise ValueError("the category is unknown, but the library has every hidden effect")
         if category in EFFECTS_OF and (len(effects) != EFFECTS_OF[category] or not all(known)):
@@ -228,41 +219,18 @@ def checked(truth: dict, source: str | Path) -> dict:
     return truth
 
 
-def complete(diagnosis: dict, source: str | Path, recording: str | None = None) -> dict:
-    """Return the diagnosis if it has every scored key and belongs to the recording.
+def completed(truth: Mapping) -> dict:
+    """Return a truth with the fields that suites without object errors lack.
 
-    Parameters
-    ----------
-    source : str or Path
-        File that an error message names.
-    recording : str, optional
-        None accepts any recording.
-
-    Raises
-    ------
-    InputError
-        If a key is missing or the recording is another one.
+    Their only simulator is XCIST, all scans are circles of a flat detector, and nothing deviates from the description.
     """
-    missing = [key for key in SCORED if key not in diagnosis]
-    if missing or diagnosis["verdict"] not in VERDICTS:
-        what = f"it has no {', '.join(missing)}" if missing else f"verdict {diagnosis['verdict']!r}"
-        raise InputError(f"{source}: is not a diagnosis that can be scored ({what}); diagnose the case again")
-    if recording not in (None, diagnosis["recording"]):
-        raise InputError(f"{source}: is the diagnosis of {diagnosis['recording']!r}; diagnose {recording} again")
-    return diagnosis
-
-
-def metrics(path: str | Path) -> dict:
-    """Read the metrics of a table of agreement, or of a file with metrics alone.
-
-    Raises
-    ------
-    InputError
-        If the file is broken.
-    """
-    content = seal.read(path)
-    found = content.get("metrics", content)
-    for name, entry in found.items():
-        if not isinstance(entry, Mapping) or not {"before", "after", "floor"} <= set(entry):
-            raise InputError(f"{path}: {name} has no before, after and floor; is this a table of agreement?")
-    return found
+    sources = {XCIST: "simulator", OTHER: "other", REPEATED: "own"}
+    equations = {name: sources[model] for model, made in MODELS.items() for name in made}
+    missing = {
+        "simulator": "xcist",
+        "geometry": "circular, flat detector",
+        "object": truth["phantom"],
+        "imperfections": {"declared": {}, "undeclared": {}},
+    }
+    effects = [{"equation": equations.get(effect["name"], "other")} | effect for effect in truth["effects"]]
+    return missing | dict(truth) | {"effects": effects}

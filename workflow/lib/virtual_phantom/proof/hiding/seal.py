@@ -70,8 +70,8 @@ def publish(documents: Iterable[Mapping]) -> dict[str, str]:
     return dict(sorted(seals.items()))
 
 
-def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None) -> dict[str, str]:
-    """Return the document that binds a diagnosis, and a table of agreement `other`, before the seal is opened.
+def files_of(diagnosis: str | Path, other: str | Path | None = None) -> dict[str, str]:
+    """Return the SHA-256 of a diagnosis, and of a table of agreement `other`, before the seal is opened.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None
     """
     for _, path in _bound(diagnosis, other):
         check_unchanged(path, "diagnose it again")
-    return {"case": case} | {key: hashlib.sha256(_bytes(path)).hexdigest() for key, path in _bound(diagnosis, other)}
+    return {key: hashlib.sha256(_bytes(path)).hexdigest() for key, path in _bound(diagnosis, other)}
 
 
 def _bound(diagnosis: str | Path, other: str | Path | None) -> list[tuple[str, str | Path]]:
@@ -133,7 +133,7 @@ def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
     return truth
 
 
-def check_verdict(diagnosis: str | Path, verdict: str | Path, other: str | Path | None = None) -> dict:
+def check_verdict(case: str, diagnosis: str | Path, bound: Mapping, other: str | Path | None = None) -> dict:
     """Return the diagnosis after a check, with a table of agreement `other`, against the digests of its verdict.
 
     Raises
@@ -141,18 +141,14 @@ def check_verdict(diagnosis: str | Path, verdict: str | Path, other: str | Path 
     InputError
         If a file was changed, added or removed, or is broken.
     """
-    bound = read(verdict)
-    if "diagnosis_sha256" not in bound or "case" not in bound:
-        raise InputError(f"{verdict}: is not a verdict; diagnose the case again")
     given = dict(_bound(diagnosis, other))
-    if set(given) != set(bound) - {"case"}:
-        raise InputError(f"{verdict}: does not match the present files of {bound['case']}; diagnose it again")
+    if set(given) != set(bound):
+        raise InputError(f"{case}.json: the verdict does not match the present files of {case}; diagnose it again")
     contents = {key: _bytes(path) for key, path in given.items()}
     for key, content in contents.items():
         if hashlib.sha256(content).hexdigest() != bound[key]:
             raise InputError(
-                f"{given[key]}: was changed after its verdict was written ({verdict}); restore the file or diagnose "
-                f"{bound['case']} again"
+                f"{given[key]}: was changed after its verdict was written; restore the file or diagnose {case} again"
             )
     return _object(contents["diagnosis_sha256"], diagnosis)
 

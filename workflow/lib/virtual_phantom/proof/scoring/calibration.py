@@ -71,7 +71,7 @@ def tables(cases: Sequence[Case]) -> dict:
         "p": _by_evidence("p", "p", cases, CHANCES, lambda chances: 1 - max(chances)),
         "ruled_out": [_line("ruled out", None, ruled_out)],
         "verdict": [
-            _line(verdict, None, [(case, holds(case)) for case in cases if case.verdict == verdict])
+            _line(verdict, None, [(case, holds(case)) for case in cases if case.diagnosis["verdict"] == verdict])
             for verdict, holds in STATEMENTS.items()
         ],
     }

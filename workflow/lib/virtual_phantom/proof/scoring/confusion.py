@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from ..hiding.case import MATCH, Case
+from ..hiding.case import Case
 from ..hiding.catalogue import STRENGTHS
 
 NOTHING = "nothing"  # row: nothing hidden; column: a match
@@ -34,7 +34,7 @@ def row_of(case: Case) -> str:
 
 def column_of(case: Case) -> str:
     """Return the column of a case in the matrix."""
-    return case.first or (NOTHING if case.verdict == MATCH else NOTHING_FITS)
+    return case.first or (NOTHING if case.match else NOTHING_FITS)
 
 
 def outcome(case: Case) -> str:

@@ -32,11 +32,11 @@ def example(cases: Sequence[Case]) -> Case:
     if not cases:
         raise InputError("proof: there are no cases to score; set proof.effects or proof.none")
     candidates = [case for case in cases if case.category == "single"] or list(cases)
-    candidates = [case for case in candidates if case.exact and case.verdict == EXPLAINED] or candidates
+    candidates = [case for case in candidates if case.exact and case.diagnosis["verdict"] == EXPLAINED] or candidates
     candidates = [case for case in candidates if MEAN in case.truth["where"]] or candidates
     strength = next(strength for strength in SHOWN_FIRST if any(case.strength == strength for case in candidates))
     candidates = [case for case in candidates if case.strength == strength]
-    ranked = sorted(candidates, key=lambda case: (case.diagnosis["excess_removed"] or 0.0, case.name))
+    ranked = sorted(candidates, key=lambda case: (case.diagnosis["excess_rms_removed"] or 0.0, case.name))
     return ranked[(len(ranked) - 1) // 2]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...base.names import label
 from ...diagnosis.selection.forward_selection import AS_GOOD, RULED_OUT
 from ...figures.style import number
-from ..hiding.case import MATCH, UNEXPLAINED, Case
+from ..hiding.case import UNEXPLAINED, Case
 
 
 def why(case: Case) -> list[str]:
@@ -18,12 +18,12 @@ def why(case: Case) -> list[str]:
             "A difference between the two simulators, or noise, was mistaken for physics. It was most significant in "
             f"{worst['domain']} ({worst['where']})."
         ]
-    if case.verdict == MATCH:
+    if case.match:
         return ["Too little signal: with alignment alone, no difference on data not fitted is significant."]
     if case.category == "unknown":
         names = " and ".join(label(name) for name in case.named)
         return [f"On data not fitted, {names} explains the whole difference: no significant difference is left."]
-    if case.verdict == UNEXPLAINED:
+    if case.diagnosis["verdict"] == UNEXPLAINED:
         return [
             "A difference was detected, but no effect improved the log score on data not fitted enough to be named."
         ]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...physics.effect import load
-from ..hiding.case import Case
-from ..hiding.catalogue import MODELS
+from ...physics.effect import load, names
+from ..hiding.case import EQUATIONS, Case
 from .intervals import median, share
 
 MEANING = (
@@ -18,22 +17,23 @@ MEANING = (
 def errors(case: Case) -> list[dict]:
     """Compare the fitted parameters of a case with the hidden values.
 
-    Parameters without a comparable definition and effects that were not named are skipped.
+    Parameters without a comparable definition or an interval, and effects that were not named, are skipped.
 
     Returns
     -------
     list of dict
-        case, effect, parameter, unit, `concealed`, fitted, ci95, relative_error (None for a neutral value), half_widths
-        (None for an interval of zero width) and covered.
+        case, effect, equation, parameter, `concealed`, fitted, ci95, relative_error (None for a neutral value),
+        half_widths (None for an interval of zero width) and covered.
     """
-    fitted = {effect["name"]: effect["parameters"] for effect in case.diagnosis["effects"]}
+    stated = case.verdict.get("parameters", {})
+    fitted = {name: stated[name] for name in case.named if name in stated and name in names()}
     neutral = {
         (name, parameter.name): parameter.neutral or 0.0 for name in fitted for parameter in load(name).parameters
     }
     found = []
     for effect in case.truth["effects"]:
         for name, truth in effect["comparable"].items():
-            if name not in fitted.get(effect["name"], {}):
+            if "ci95" not in fitted.get(effect["name"], {}).get(name, {}):
                 continue
             entry = fitted[effect["name"]][name]
             low, high = entry["ci95"]
@@ -42,8 +42,8 @@ def errors(case: Case) -> list[dict]:
                 {
                     "case": case.name,
                     "effect": effect["name"],
+                    "equation": effect["equation"],
                     "parameter": name,
-                    "unit": entry["unit"],
                     "concealed": truth,
                     "fitted": entry["value"],
                     "ci95": [low, high],
@@ -63,9 +63,7 @@ def summary(cases: Sequence[Case]) -> dict:
         "meaning": MEANING,
         "all": _accuracy(rows),
         "by_effect": {name: _accuracy([row for row in rows if row["effect"] == name]) for name in effects},
-        "by_model": {
-            model: _accuracy([row for row in rows if row["effect"] in made]) for model, made in MODELS.items()
-        },
+        "by_equation": {source: _accuracy([row for row in rows if row["equation"] == source]) for source in EQUATIONS},
         "parameters": rows,
     }
 

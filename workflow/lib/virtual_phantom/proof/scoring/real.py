@@ -8,7 +8,7 @@ from pathlib import Path
 from ...base.errors import InputError
 from ...io.files import check_unchanged
 from ..hiding import seal
-from ..hiding.case import complete
+from .collect import complete
 
 
 def row(path: str | Path) -> dict:
@@ -25,8 +25,7 @@ def row(path: str | Path) -> dict:
         **{key: found[key] for key in ("recording", "verdict", "sentence")},
         "named": [effect["name"] for effect in found["effects"]],
         "ambiguous_with": {name: list(others) for name, others in found["ambiguous_with"].items()},
-        "excess_removed": found["excess_removed"],
-        "excess_rms_removed": found.get("excess_rms_removed"),
+        "excess_rms_removed": found["excess_rms_removed"],
         "caveats": list(found.get("caveats", [])),
     }
 

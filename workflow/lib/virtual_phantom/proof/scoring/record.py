@@ -1,41 +1,33 @@
-"""The record of all scored seeds, its summary for the page, and a comparison of coverage in two scores."""
+"""The record of registered runs, its tables for the documentation, and a comparison of coverage in two scores."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+import textwrap
+from collections.abc import Mapping
 from pathlib import Path
 
 import yaml
 
 from ...base.errors import InputError, refusing
+from ...base.names import label
 from ...io.files import replacing
-from ...statistics.proof_record import QUANTITIES, SeedResult, pooled_counts, read_proof_record
+from ...report.proof import tally
+from ...statistics.proof_record import QUANTITIES, Count, RecordedRun, read_proof_record
 from .intervals import share_of
+from .registration import attempts
 
-MEANING = (
-    "All seeds that were inspected, with the counts of their first score. Pooled counts contain the seeds that were "
-    "unseen then, scored by different states of the code. Wilson's interval of a pooled count assumes equal cases, and "
-    "holds for the average state of the code, not for the last one."
-)
+# Part of a page that `filled` replaces
+RESULTS = re.compile(r"(<!-- blind validation: results -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
-def counts_of(score: Mapping) -> dict[str, tuple[int, int]]:
-    """Return the counts that the record keeps of a score, {name of QUANTITIES: (count, n)}."""
-    accuracy = score["accuracy"]
-    shares = {
-        "first_medium_or_strong": accuracy["first"]["medium_or_strong"],
-        "first_weak": accuracy["first"]["by_strength"]["weak"],
-        "pairs": accuracy["pairs"]["both_named"],
-        "false_alarms": accuracy["false_alarms"],
-        "unknown": accuracy["unknown"],
-        "exact": accuracy["exact"]["all"],
-        "intervals": score["parameters"]["all"]["covered"],
-    }
-    return {name: (shares[name]["count"], shares[name]["n"]) for name in QUANTITIES}
+def _counts(shares: Mapping) -> dict[str, list]:
+    """Return {name: [sum of scores, n]} of shares that have a case."""
+    return {name: [round(one["count"], 4), one["n"]] for name, one in shares.items() if one["n"]}
 
 
-def add(path: str | Path, score: Mapping, state: str, note: str, unseen: bool = True) -> None:
-    """Append a score to a record.
+def add(path: str | Path, score: Mapping, runs: str | Path, note: str) -> None:
+    """Append the score of a registered run to a record.
 
     Parameters
     ----------
@@ -43,47 +35,84 @@ def add(path: str | Path, score: Mapping, state: str, note: str, unseen: bool = 
         File of the record.
     score : mapping
         Content of score.json.
-    state, note, unseen
-        As in SeedResult.
+    runs : str or Path
+        Log of runs.
+    note : str
+        As in RecordedRun.
 
     Raises
     ------
     InputError
-        If the record is broken or has the seed, or if the score is not valid.
+        If the record or the log is broken, the record has the commit, or the run does not count.
     """
     with refusing("the score: is not valid", KeyError, TypeError, advice="score the suite again"):
+        registered, counted = score["registration"], score["headline"]
+        if not registered["counts"]:
+            raise InputError(f"the score: does not count, because {'; '.join(registered['reasons'])}; register a run")
         entry = {
-            "seed": score["suite"]["seed"],
-            "unseen": unseen,
-            "state": state,
-            "cases": score["counts"]["cases"],
+            **{key: registered[key] for key in ("seed", "commit", "cases")},
+            "registered": True,
+            "rule": counted["rule"]["version"],
             "note": note,
-            "counts": {name: list(pair) for name, pair in counts_of(score).items()},
-            "coverage": [
-                {"effects": [name], "held": [entry["covered"]["count"], entry["covered"]["n"]]}
-                for name, entry in score["parameters"]["by_effect"].items()
-            ],
+            "counts": _counts(counted["all"]),
+            "own": _counts(counted["own"]),
+            "worst": {name: f"{label(one['class'])}: {_plain(one)}" for name, one in counted["worst"].items()},
+            "classes": {
+                kind: {name: _counts(shares) for name, shares in values.items()}
+                for kind, values in counted["classes"].items()
+            },
+            "coverage": _counts({name: one["covered"] for name, one in score["parameters"]["by_effect"].items()}),
+            "attempts": attempts(runs, registered["commit"]),
         }
-    if entry["seed"] in [entry.seed for entry in read_proof_record(path)]:
-        raise InputError(f"{path}: already has seed {entry['seed']}; add each seed once, with its first score")
+    if entry["commit"] in [run.commit for run in read_proof_record(path)]:
+        raise InputError(f"{path}: already has commit {entry['commit']}; one run of a commit counts")
     text = yaml.safe_dump([entry], sort_keys=False, width=120, default_flow_style=None, allow_unicode=True)
     with replacing(path, checksum=False) as made:
         made.write_text(Path(path).read_text(encoding="utf-8") + text, encoding="utf-8")
 
 
-def summary(entries: Sequence[SeedResult]) -> dict:
-    """Return the counts of each seed and the pooled counts with Wilson's 95 % intervals."""
-    return {
-        "meaning": MEANING,
-        "quantities": QUANTITIES,
-        "pooled": {name: share_of(*pair) for name, pair in pooled_counts(entries).items()},
-        "pooled_seeds": [entry.seed for entry in entries if entry.unseen and entry.counts],
-        "seeds": [
-            {key: getattr(entry, key) for key in ("seed", "unseen", "state", "note")}
-            | {"counts": {name: list(pair) for name, pair in entry.counts.items()}}
-            for entry in entries
-        ],
+def result_table(run: RecordedRun) -> list[str]:
+    """Return the lines of a Markdown table of a run: results, the worst classes, the library's own equations."""
+    columns = {
+        "result (95 % interval)": {name: _share(pair) for name, pair in run.counts.items()},
+        "worst class": run.worst,
+        "Virtual Phantom's own equations": {name: _share(pair) for name, pair in run.own.items()},
     }
+    columns = {title: cells for title, cells in columns.items() if cells}
+    lines = [f"| test | {' | '.join(columns)} |", "|---|" + "---|" * len(columns)]
+    for name, quantity in QUANTITIES.items():
+        if any(name in cells for cells in columns.values()):
+            lines.append(f"| {quantity} | {' | '.join(cells.get(name, '') for cells in columns.values())} |")
+    return lines
+
+
+def class_table(run: RecordedRun) -> list[str]:
+    """Return the lines of a Markdown table: counts by class of cases. Empty if the run has no classes."""
+    rows = [(kind, name, counts) for kind, values in run.classes.items() for name, counts in values.items()]
+    if not rows:
+        return []
+    names = [name for name in QUANTITIES if any(name in counts for _, _, counts in rows)]
+    lines = [f"| class | | {' | '.join(QUANTITIES[name] for name in names)} |", "|---|---|" + "---|" * len(names)]
+    for kind, name, counts in rows:
+        cells = [f"{counts[key][0]:.4g} of {counts[key][1]}" if key in counts else "" for key in names]
+        lines.append(f"| {kind} | {label(name)} | {' | '.join(cells)} |")
+    return lines
+
+
+def filled(page: str, run: RecordedRun) -> str:
+    """Return a page with the results of a run between its comments."""
+    registered = "registered before its scans" if run.registered else "not registered"
+    about = f"Commit {run.commit[:8]}, seed {run.seed}, {run.cases} cases, {registered}. {run.note}"
+    lines = "\n".join([*textwrap.wrap(about, 120), "", *result_table(run)])
+    return RESULTS.sub(lambda found: f"{found[1]}\n{lines}\n{found[2]}", page)
+
+
+def _share(pair: Count) -> str:
+    return _plain(share_of(*pair))
+
+
+def _plain(share: Mapping) -> str:
+    return tally(share).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def coverage_table(first: Mapping, second: Mapping) -> list[str]:

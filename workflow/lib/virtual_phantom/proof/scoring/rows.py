@@ -1,4 +1,4 @@
-"""A score as a Markdown table for docs/validation/blind-validation.md."""
+"""Scores as Markdown tables."""
 
 from __future__ import annotations
 
@@ -8,15 +8,28 @@ from ...base.names import label
 from ...report.agreement_table import NAMES
 from ...report.html import number
 from ...report.proof import percent, reached, tally, valued
+from ...statistics.proof_record import QUANTITIES
+from .score import SOURCES
 
 LEFT = "unexplained, standard deviations of noise: median, 90th percentile, maximum"
 
 
+def score_table(counted: Mapping) -> list[str]:
+    """Return the lines of a table of a headline score: all cases that count, the worst class, own equations."""
+    lines = ["| | result (95 % interval) | worst class | the library's own equations |", "|---|---|---|---|"]
+    for name, quantity in QUANTITIES.items():
+        worst = counted["worst"].get(name)
+        cells = [tally(counted["all"][name]), f"{label(worst['class'])}: {tally(worst)}" if worst else ""]
+        lines.append(f"| {quantity} | {' | '.join(cells)} | {tally(counted['own'][name])} |")
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
+
+
 def rows(score: Mapping) -> list[str]:
-    """Return the lines of a Markdown table: quantity, result, target, and whether the target is reached."""
+    """Return the lines of a table of all results: quantity, result, target, and whether the target is reached."""
     lines = ["| | result | target | |", "|---|---|---|---|"]
     targets = {target["name"]: target for target in score["targets"]}
-    accuracy, removed, agreement = score["accuracy"], score["excess_removed"], score["agreement"]
+    counted, accuracy = score["headline"], score["accuracy"]
+    removed, agreement = score["excess_removed"], score["agreement"]
 
     def line(quantity: str, found: str, target: str | None = None) -> None:
         limit, word = "", ""
@@ -26,21 +39,17 @@ def rows(score: Mapping) -> list[str]:
             word = f"**{word}**" if word == "missed" else word
         lines.append(f"| {quantity} | {found} | {limit} | {word} |".replace("\N{NO-BREAK SPACE}", " "))
 
-    first, stand_in = accuracy["first"], accuracy["first_or_stand_in"]
-    line("named first, one effect of medium or strong strength", tally(first["medium_or_strong"]), "first")
-    line("named first, or reported as an alternative", tally(stand_in["medium_or_strong"]))
-    line("named first, one weak effect", tally(first["by_strength"]["weak"]))
-    line("named first, or reported as an alternative", tally(stand_in["by_strength"]["weak"]))
-    for model, share in first["by_model"].items():
-        line(f"named first, effects made by {model}", tally(share))
-    line("both of two effects named", tally(accuracy["pairs"]["both_named"]), "pairs")
-    line("false alarms if nothing is hidden", tally(accuracy["false_alarms"]), "false_alarms")
-    line("reported as unexplained if the library lacks the effect", tally(accuracy["unknown"]), "unknown")
+    for name, quantity in QUANTITIES.items():
+        line(quantity, tally(counted["all"][name]), name)
+        line("the same, the library's own equations", tally(counted["own"][name]))
+        if worst := counted["worst"].get(name):
+            line(f"the worst class ({worst['kind']}): {label(worst['class'])}", tally(worst))
+    for source, share in accuracy["first"]["by_equation"].items():
+        line(f"one effect: ranked first, effects made by {SOURCES[source]}", tally(share))
     for name, entry in score["remainders"]["by_kind"].items():
-        line(f"the same, {name.replace('_', ' ')}", tally(entry))
+        line(f"reported as unexplained: {label(name)}", tally(entry))
     if (area := score["remainders"]["area"]) is not None:
         line("area under the curve of unexplained differences, missing and available effects", f"{area:.2f}")
-    line("precisely the hidden effects named", tally(accuracy["exact"]["all"]))
     for key, group in (
         ("in_library", "one or two effects of the library"),
         ("right", "precisely the hidden effects named"),
@@ -50,7 +59,7 @@ def rows(score: Mapping) -> list[str]:
         entry = removed[key]
         found = f"{percent(entry['median'])}, {percent(entry['tenth_percentile'])} of {entry['n']} cases"
         target = "excess_removed" if key == "in_library" else None
-        line(f"held-out excess removed, median and tenth percentile: {group}", found, target)
+        line(f"held-out excess RMS removed, median and tenth percentile: {group}", found, target)
         remainders = [entry["remainder_sd"][part] for part in ("median", "ninetieth_percentile", "most")]
         line(LEFT, ", ".join("–" if value is None else number(value) for value in remainders))
     for metric, entry in agreement["metrics"].items():
@@ -65,9 +74,8 @@ def rows(score: Mapping) -> list[str]:
             )
     parameters = score["parameters"]
     line("error of parameters, median", percent(parameters["all"]["median_absolute_relative_error"]))
-    line("95 % intervals that cover the true value", tally(parameters["all"]["covered"]))
-    for model, entry in parameters["by_model"].items():
-        line(f"the same, effects made by {model}", tally(entry["covered"]))
+    for source, entry in parameters["by_equation"].items():
+        line(f"95 % intervals that cover the true value, effects made by {SOURCES[source]}", tally(entry["covered"]))
     for name, entry in parameters["by_effect"].items():
         line(f"the same, {label(name)}", tally(entry["covered"]))
     for key in ("first_named", "gain", "ruled_out"):

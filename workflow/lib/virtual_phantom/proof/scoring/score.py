@@ -6,19 +6,19 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 from ...physics.effect import names
-from ...statistics.proof_record import SeedResult
-from ..hiding.case import ADMITTED, CATEGORIES, KINDS, MATCH, Case
-from ..hiding.catalogue import CATALOGUE, MODELS, STRENGTHS, never_hidden
-from . import agreement, calibration, confusion, parameters, record, remainders
+from ..hiding.case import CATEGORIES, EQUATIONS, KINDS, Case
+from ..hiding.catalogue import CATALOGUE, STRENGTHS, never_hidden
+from . import agreement, calibration, confusion, parameters, remainders
+from .headline import headline
 from .intervals import median, quantile, share
 from .missed import why
 from .targets import targets
 
 MEANING = {
-    "first": "Cases with one hidden effect of the library: it was named first.",
-    "first_or_stand_in": "The same, or it was reported as an alternative to the effect named first.",
+    "first": "Cases with one hidden effect of the library: it was ranked first; 1/k if in a group of k effects.",
+    "first_or_stand_in": "The same; 1 if in a group.",
     "exact": "Cases without a hidden effect that the library lacks: precisely the hidden effects were named, in any "
-    "order. If nothing is hidden: the verdict is a match.",
+    "order, none of them in a group. If nothing is hidden: the verdict is a match.",
     "pairs": "Cases with two hidden effects.",
     "beside": "Cases with one or two hidden effects of the library: another effect was named.",
     "left_open": "Cases with one or two hidden effects of the library, all of them named: the verdict reports "
@@ -28,11 +28,9 @@ MEANING = {
     "effects were named that the catalogue declares as equivalent before the run.",
     "located": "Cases with stated domains: a significant difference was found in one of them.",
     "excess_removed": (
-        "Share of the difference beyond noise, on data not fitted, that the named effects remove. It is 0 if an "
-        "effect was hidden but none was named, or if nothing was removed. A remaining difference counts if it "
-        "exceeds three standard deviations of its noise. A share of 100 % can therefore hide a weak remaining "
-        "difference. One case in ten is below the tenth percentile. Compare cases with right and with wrong names "
-        "before you interpret a share."
+        "Share of the root mean square beyond noise, on data not fitted, that the named effects remove. It is 0 if an "
+        "effect was hidden but none was named, or if nothing was removed. One case in ten is below the tenth "
+        "percentile. Compare cases with right and with wrong names before you interpret a share."
     ),
     "remainder_sd": (
         "Unexplained difference that fitted data and data not fitted share, over all rays or voxels. The unit is the "
@@ -44,6 +42,12 @@ MEANING = {
         "in the scans of another simulator. It does not show that the equation is right."
     ),
 }
+# Names of the sources of equations in tables
+SOURCES = {
+    "simulator": "the simulator's own",
+    "other": "another equation than the library's",
+    "own": "the library's equation, written again",
+}
 
 
 def score(
@@ -51,7 +55,7 @@ def score(
     minutes: float | None = None,
     real: Sequence[dict] = (),
     suite: Mapping | None = None,
-    entries: Sequence[SeedResult] = (),
+    registration: Mapping | None = None,
 ) -> dict:
     """Return the content of score.json.
 
@@ -63,12 +67,13 @@ def score(
         Rows of real recordings (real.row).
     suite : mapping, optional
         Section `proof` of the configuration. None: unknown, and the score cannot be added to the record.
-    entries : sequence of SeedResult, optional
-        Entries of the record.
+    registration : mapping, optional
+        Result of registration.checked.
     """
     found = {
         "suite": dict(suite or {}),
-        "record": record.summary(entries),
+        "registration": dict(registration or {}),
+        "headline": headline(cases),
         "counts": counts(cases),
         "effects": effects(cases),
         "accuracy": accuracy(cases),
@@ -102,21 +107,22 @@ def effects(cases: Sequence[Case]) -> dict:
     Returns
     -------
     dict
-        Includes models, `{source: {concealed, lacking}}`: hidden effects that the library has, and faults
+        Includes models, `{one of EQUATIONS: {concealed, lacking}}`: hidden effects that the library has, and faults
         that it lacks.
     """
-    hidden = sorted({effect for case in cases for effect in case.hidden})
+    made = sorted({(one["equation"], one["known"], one["name"]) for case in cases for one in case.truth["effects"]})
     return {
         "meaning": MEANING["models"],
+        "sources": SOURCES,
         "library": len(names()),
         "can_be_concealed": sum(effect.known for effect in CATALOGUE.values()),
         "never_concealed": never_hidden(),
         "models": {
-            model: {
-                "concealed": [name for name in hidden if name in made and name in names()],
-                "lacking": [name for name in hidden if name in made and name not in names()],
+            source: {
+                key: [name for equation, known, name in made if equation == source and known == wanted]
+                for key, wanted in (("concealed", True), ("lacking", False))
             }
-            for model, made in MODELS.items()
+            for source in EQUATIONS
         },
     }
 
@@ -128,18 +134,18 @@ def accuracy(cases: Sequence[Case]) -> dict:
     tested = {location["domain"] for case in cases for location in case.diagnosis["locations"]}
     return {
         "meaning": MEANING,
-        "first": _broken_down(singles, lambda case: case.first_right),
+        "first": _broken_down(singles, lambda case: case.first_credit),
         "first_or_stand_in": _broken_down(singles, lambda case: case.first_or_alternative_right),
         "exact": {"all": share(case.exact for case in cases if case.in_library)}
         | {name: share(case.exact for case in _in_category(cases, name)) for name in CATEGORIES if name != "unknown"},
         "pairs": {
-            "both_named": share(case.all_named for case in pairs),
+            "both_named": share(case.all_credit for case in pairs),
             "both_named_or_stand_ins": share(case.all_or_alternatives_named for case in pairs),
             "one_named": share(bool(set(case.named) & set(case.hidden)) for case in pairs),
         },
         "beside": share(bool(set(case.named) - set(case.hidden)) for case in (*singles, *pairs)),
-        "left_open": share(case.verdict in ADMITTED for case in (*singles, *pairs) if case.all_named),
-        "false_alarms": share(case.verdict != MATCH for case in blank),
+        "left_open": share(case.unexplained for case in (*singles, *pairs) if case.all_named),
+        "false_alarms": share(not case.match for case in blank),
         "unknown": share(case.reported_unexplained for case in _in_category(cases, "unknown")),
         "located": share(case.located for case in stated),
         "domains_never_tested": sorted({domain for case in stated for domain in case.truth["where"]} - tested),
@@ -172,7 +178,7 @@ def excess_removed(cases: Sequence[Case]) -> dict:
 
 
 def _removed(cases: Sequence[Case]) -> dict:
-    values = [case.diagnosis["excess_removed"] for case in cases]
+    values = [case.diagnosis["excess_rms_removed"] for case in cases]
     counted = [value or 0.0 for value in values]
     remainders_sd = [case.diagnosis["remainder_sd"] for case in cases]
     return {
@@ -198,13 +204,17 @@ def row(case: Case) -> dict:
         "phantom": case.truth["phantom"],
         "strength": case.strength,
         "concealed": list(case.hidden),
-        "verdict": case.verdict,
+        "simulator": case.truth["simulator"],
+        "geometry": case.truth["geometry"],
+        "object": case.truth["object"],
+        "imperfections": case.truth["imperfections"],
+        "verdict": case.diagnosis["verdict"],
         "sentence": case.diagnosis["sentence"],
         "named": list(case.named),
         "ambiguous_with": {name: sorted(case.with_alternatives(name) - {name}) for name in case.named},
         "right": case.right,
         "located": case.located if case.truth["where"] else None,
-        "excess_removed": case.diagnosis["excess_removed"],
+        "excess_rms_removed": case.diagnosis["excess_rms_removed"],
         "remainder_sd": case.diagnosis["remainder_sd"],
         "held_out_protocol": bool(case.other),
         "why_missed": why(case),
@@ -215,7 +225,7 @@ def _in_category(cases: Sequence[Case], category: str) -> list[Case]:
     return [case for case in cases if case.category == category]
 
 
-def _broken_down(singles: Sequence[Case], right: Callable[[Case], bool]) -> dict:
+def _broken_down(singles: Sequence[Case], right: Callable[[Case], float]) -> dict:
     effects = sorted({case.hidden[0] for case in singles})
     return {
         "all": share(map(right, singles)),
@@ -223,7 +233,8 @@ def _broken_down(singles: Sequence[Case], right: Callable[[Case], bool]) -> dict
         "by_strength": {name: share(right(case) for case in singles if case.strength == name) for name in STRENGTHS},
         "by_kind": {kind: share(right(case) for case in singles if case.kind == kind) for kind in KINDS},
         "by_effect": {name: share(right(case) for case in singles if case.hidden[0] == name) for name in effects},
-        "by_model": {
-            model: share(right(case) for case in singles if case.hidden[0] in made) for model, made in MODELS.items()
+        "by_equation": {
+            source: share(right(case) for case in singles if case.truth["effects"][0]["equation"] == source)
+            for source in EQUATIONS
         },
     }

@@ -1,0 +1,147 @@
+"""Registration of a run before its scans: commit, scoring rule, seed, cases; and the log of runs.
+
+A registered run takes its seed from the commit, so that neither can be chosen to fit the other, and a second run of a
+commit gives the same result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+
+from ...base.errors import InputError
+
+WORKFLOW = Path(__file__).resolve().parents[4]  # the rules, scripts and library
+COMMIT = "commit"  # value of proof.seed
+DIGITS = 8  # of the commit's hash in the seed
+EVENTS = ("registered", "failed", "scored")
+
+
+@cache
+def commit() -> str | None:
+    """Return the commit of the code, or None if it is not in a Git repository."""
+    tracked = _git("ls-files", "--error-unmatch", str(Path(__file__).resolve()))
+    found = None if tracked is None else _git("rev-parse", "HEAD")
+    return found and found.strip()
+
+
+def changed_files() -> list[str]:
+    """Return the files of rules, scripts and library that differ from the commit or are not part of it."""
+    found = _git("status", "--porcelain", "--", ".")
+    return [line[3:] for line in (found or "").splitlines()]
+
+
+def _git(*arguments: str) -> str | None:
+    """Return the output of Git, or None if it fails or is not installed."""
+    try:
+        done = subprocess.run(["git", *arguments], cwd=WORKFLOW, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout
+
+
+def seed_of(stated: int | str) -> int:
+    """Return the seed that proof.seed states: a number, or "commit" for one from the hash of the commit.
+
+    Raises
+    ------
+    InputError
+        If the code is not in a Git repository.
+    """
+    if stated != COMMIT:
+        return int(stated)
+    found = commit()
+    if found is None:
+        raise InputError("proof.seed: 'commit' needs a Git checkout of Virtual Phantom; use a whole number")
+    return int(found[:DIGITS], 16)
+
+
+def registration(stated_seed: int | str, settings: Mapping, truths: Iterable[Mapping], seals: str | Path) -> dict:
+    """Return the registration of a run, which is written before its scans.
+
+    Parameters
+    ----------
+    stated_seed : int or str
+        Value of proof.seed.
+    settings : mapping
+        Section `proof` of the configuration.
+    truths : iterable of mapping
+        Truths with all fields (hiding.case.completed).
+    seals : str or Path
+        File of the published seals.
+
+    Raises
+    ------
+    InputError
+        If the seed comes from the commit and the code has changes that are not committed.
+    """
+    from .headline import RULE, VERSION  # slow import (the diagnosis)
+
+    truths, changed = list(truths), changed_files()
+    if stated_seed == COMMIT and changed:
+        raise InputError(
+            f"proof.seed: 'commit' needs code without changes, but {len(changed)} files differ from the commit, such "
+            f"as {changed[0]}; commit them, or use a whole number for a run that does not count"
+        )
+    return {
+        "commit": commit(),
+        "changed": changed,
+        "rule": {"version": VERSION, "text": RULE},
+        "seed": seed_of(stated_seed),
+        "seed_from_commit": stated_seed == COMMIT,
+        "cases": len(truths),
+        "simulators": sorted({truth["simulator"] for truth in truths}),
+        "settings": dict(settings),
+        "seals_sha256": hashlib.sha256(Path(seals).read_bytes()).hexdigest(),
+    }
+
+
+def assessed(registered: Mapping, seals: str | Path) -> dict:
+    """Return a registration with `counts` and `reasons`: whether the run counts when it is scored, and why not."""
+    from .headline import VERSION  # slow import (the diagnosis)
+
+    reasons = [
+        reason
+        for reason, true in (
+            ("its seed was chosen", not registered["seed_from_commit"]),
+            ("the code had changes that were not committed", bool(registered["changed"] or changed_files())),
+            ("the code changed after the registration", registered["commit"] != commit()),
+            ("the scoring rule changed after the registration", registered["rule"]["version"] != VERSION),
+            (
+                "the seals changed after the registration",
+                registered["seals_sha256"] != hashlib.sha256(Path(seals).read_bytes()).hexdigest(),
+            ),
+        )
+        if true
+    ]
+    return dict(registered) | {"counts": not reasons, "reasons": reasons}
+
+
+def log_run(path: str | Path, event: str, registered: Mapping) -> None:
+    """Append an event, one of EVENTS, to the log of runs (JSON lines)."""
+    row = {"event": event, "time": datetime.now(UTC).isoformat(timespec="seconds")}
+    row |= {key: registered[key] for key in ("commit", "seed", "cases")}
+    with Path(path).open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+
+
+def attempts(path: str | Path, commit: str) -> dict[str, int]:
+    """Return how often each of EVENTS is in the log of runs for a commit.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or broken.
+    """
+    try:
+        rows = [json.loads(line) for line in Path(path).read_text(encoding="utf-8").splitlines()]
+        counts = Counter(row["event"] for row in rows if row["commit"] == commit)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: is not a log of runs ({' '.join(str(error).split())}); restore it") from None
+    return {event: counts[event] for event in EVENTS}
