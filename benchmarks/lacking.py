@@ -8,7 +8,8 @@ from pathlib import Path
 
 from benchmarks import common
 from benchmarks.common import simulator_scans
-from virtual_phantom.proof.hiding.case import Case, completed
+from virtual_phantom.proof.hiding.case import Case
+from virtual_phantom.proof.hiding.truth import completed
 from virtual_phantom.proof.scoring.remainders import summary
 from virtual_phantom.proof.scoring.verdicts import verdict_document
 

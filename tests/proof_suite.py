@@ -6,7 +6,8 @@ import numpy as np
 
 from virtual_phantom.io.files import write_text
 from virtual_phantom.proof.hiding import seal
-from virtual_phantom.proof.hiding.case import Case, completed
+from virtual_phantom.proof.hiding.case import Case
+from virtual_phantom.proof.hiding.truth import completed
 from virtual_phantom.proof.scoring.verdicts import verdict_document
 
 SALT = "5a" * 32

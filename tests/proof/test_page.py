@@ -16,13 +16,13 @@ from proof_suite import DIAGNOSES, TRUTHS, diagnosis, judged, truth, write_suite
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
 from virtual_phantom.proof.hiding import seal
-from virtual_phantom.proof.hiding.case import completed
 from virtual_phantom.proof.hiding.suite import check_recordings
+from virtual_phantom.proof.hiding.truth import EQUATIONS, completed
 from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
 from virtual_phantom.proof.scoring.real import minutes, row
 from virtual_phantom.proof.scoring.registration import registration
-from virtual_phantom.proof.scoring.score import SOURCES, score
+from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.proof import blind_validation_page, percent
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,7 +72,7 @@ def test_page_shows_the_registration_and_the_origin_of_the_models(made):
         f"never hidden, and therefore not tested: anti scatter grid, {never}" in text
         and "shares no physics" not in text
     )
-    assert all(source in unescape(text) for source in SOURCES.values())
+    assert all(source in unescape(text) for source in EQUATIONS.values())
     assert "tenth percentile" in text and "53 %" in text  # for wrong names
 
 

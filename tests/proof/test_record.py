@@ -16,8 +16,8 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding import seal
-from virtual_phantom.proof.hiding.case import completed
 from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
+from virtual_phantom.proof.hiding.truth import completed
 from virtual_phantom.proof.scoring import registration
 from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.record import coverage_table, filled, result_table

@@ -36,6 +36,7 @@ rule proof_seal:
     params:
         settings=proof.hiding,
         stated_seed=context.study.proof.seed,
+        registered=proof.registered,
         runs=proof.runs_file,
         code=code("seal_proof.py"),
     script:

@@ -1,13 +1,13 @@
 """Draw and seal the hidden effects of each case, publish the hashes of these files, and register the run."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from virtual_phantom.base.proof_settings import ProofSettings
-from virtual_phantom.base.settings import from_mapping, to_mapping
+from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.proof.hiding import seal
-from virtual_phantom.proof.hiding.case import completed
 from virtual_phantom.proof.hiding.suite import salt, truths
+from virtual_phantom.proof.hiding.truth import completed
 from virtual_phantom.proof.scoring.registration import log_run, registration
 from virtual_phantom.study.job import job, log
 
@@ -20,13 +20,14 @@ def main(
     runs_file: str,
     stated_seed: int | str,
     settings: ProofSettings,
+    registered_settings: Mapping,
 ) -> None:
     drawn = list(truths(settings).values())
     documents = [seal.sealed(truth, salt(settings.seed, truth["number"])) for truth in drawn]
     for document, path in zip(documents, sealed_files, strict=True):
         seal.write(document, Path(path))
     seal.write(seal.publish(documents), seals_file)
-    registered = registration(stated_seed, to_mapping(settings), map(completed, drawn), seals_file)
+    registered = registration(stated_seed, registered_settings, map(completed, drawn), seals_file)
     seal.write(registered, registration_file)
     log_run(runs_file, "registered", registered)
     log.info("%d cases sealed, seed %d, commit %s", len(documents), registered["seed"], registered["commit"])
@@ -41,4 +42,5 @@ if "snakemake" in globals():
             runs_file=snakemake.params.runs,
             stated_seed=snakemake.params.stated_seed,
             settings=from_mapping(ProofSettings, snakemake.params.settings),
+            registered_settings=snakemake.params.registered,
         )

@@ -178,6 +178,11 @@ class Proof:
         return sorted(map(str, Path(folder).glob("[!.]*.json")))
 
     @property
+    def registered(self) -> dict:
+        """Return the settings that a registration states: all but the real recordings, which are not scored."""
+        return {key: value for key, value in to_mapping(self.settings).items() if key != "recordings"}
+
+    @property
     def runs_file(self) -> str:
         """The log of runs."""
         return self.files("runs")

@@ -12,14 +12,14 @@ from ...base.errors import InputError
 from ...diagnosis.residuals.residual_tests import ALPHA
 from ...diagnosis.verdict.verdict import VERDICTS
 from ...physics.effect import names
-from .catalogue import MODELS, OTHER, REPEATED, STRENGTHS, XCIST
+from .catalogue import STRENGTHS
+from .truth import EQUATIONS
 
 CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")
 MATCH, EXPLAINED, PARTLY, UNEXPLAINED = VERDICTS
 ADMITTED = (PARTLY, UNEXPLAINED)  # verdicts that report unexplained differences
 EFFECTS_OF = {"single": 1, "none": 0, "pair": 2}  # number of effects, all of them in the library
-EQUATIONS = ("simulator", "other", "own")  # source of the equation that makes a hidden effect
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def checked(truth: dict, source: str | Path) -> dict:
                 raise ValueError(f"the library {has} {effect['name']}, but `known` says otherwise")
             if not isinstance(effect["comparable"], Mapping):
                 raise ValueError(f"comparable of {effect['name']} is not a mapping")
-            if effect.get("equation", EQUATIONS[0]) not in EQUATIONS:
+            if effect.get("equation", "other") not in EQUATIONS:
                 raise ValueError(f"equation of {effect['name']} is none of {', '.join(EQUATIONS)}")
         if category == "unknown" and all(known):
             raise ValueError("the category is unknown, but the library has every hidden effect")
@@ -217,20 +217,3 @@ def checked(truth: dict, source: str | Path) -> dict:
             f"{source}: is not the truth of a case ({' '.join(str(error).split())}); make the suite again"
         ) from None
     return truth
-
-
-def completed(truth: Mapping) -> dict:
-    """Return a truth with the fields that suites without object errors lack.
-
-    Their only simulator is XCIST, all scans are circles of a flat detector, and nothing deviates from the description.
-    """
-    sources = {XCIST: "simulator", OTHER: "other", REPEATED: "own"}
-    equations = {name: sources[model] for model, made in MODELS.items() for name in made}
-    missing = {
-        "simulator": "xcist",
-        "geometry": "circular, flat detector",
-        "object": truth["phantom"],
-        "imperfections": {"declared": {}, "undeclared": {}},
-    }
-    effects = [{"equation": equations.get(effect["name"], "other")} | effect for effect in truth["effects"]]
-    return missing | dict(truth) | {"effects": effects}

@@ -8,7 +8,8 @@ from pathlib import Path
 from ...base.errors import InputError
 from ...diagnosis.verdict.verdict import VERDICTS
 from ..hiding import seal
-from ..hiding.case import Case, checked, completed
+from ..hiding.case import Case, checked
+from ..hiding.truth import completed
 from .verdicts import read_verdicts, verdict_document
 
 # Keys of a diagnosis that are scored or shown.

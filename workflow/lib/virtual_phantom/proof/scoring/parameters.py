@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...physics.effect import load, names
-from ..hiding.case import EQUATIONS, Case
+from ..hiding.case import Case
+from ..hiding.truth import EQUATIONS
 from .intervals import median, share
 
 MEANING = (

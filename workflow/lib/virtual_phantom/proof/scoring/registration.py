@@ -16,6 +16,7 @@ from functools import cache
 from pathlib import Path
 
 from ...base.errors import InputError
+from .rule import RULE, VERSION
 
 WORKFLOW = Path(__file__).resolve().parents[4]  # the rules, scripts and library
 COMMIT = "commit"  # value of proof.seed
@@ -72,7 +73,7 @@ def registration(stated_seed: int | str, settings: Mapping, truths: Iterable[Map
     settings : mapping
         Section `proof` of the configuration.
     truths : iterable of mapping
-        Truths with all fields (hiding.case.completed).
+        Truths with all fields (hiding.truth.completed).
     seals : str or Path
         File of the published seals.
 
@@ -81,8 +82,6 @@ def registration(stated_seed: int | str, settings: Mapping, truths: Iterable[Map
     InputError
         If the seed comes from the commit and the code has changes that are not committed.
     """
-    from .headline import RULE, VERSION  # slow import (the diagnosis)
-
     truths, changed = list(truths), changed_files()
     if stated_seed == COMMIT and changed:
         raise InputError(
@@ -104,8 +103,6 @@ def registration(stated_seed: int | str, settings: Mapping, truths: Iterable[Map
 
 def assessed(registered: Mapping, seals: str | Path) -> dict:
     """Return a registration with `counts` and `reasons`: whether the run counts when it is scored, and why not."""
-    from .headline import VERSION  # slow import (the diagnosis)
-
     reasons = [
         reason
         for reason, true in (

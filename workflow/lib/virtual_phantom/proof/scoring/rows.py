@@ -9,7 +9,7 @@ from ...report.agreement_table import NAMES
 from ...report.html import number
 from ...report.proof import percent, reached, tally, valued
 from ...statistics.proof_record import QUANTITIES
-from .score import SOURCES
+from ..hiding.truth import EQUATIONS
 
 LEFT = "unexplained, standard deviations of noise: median, 90th percentile, maximum"
 
@@ -45,7 +45,7 @@ def rows(score: Mapping) -> list[str]:
         if worst := counted["worst"].get(name):
             line(f"the worst class ({worst['kind']}): {label(worst['class'])}", tally(worst))
     for source, share in accuracy["first"]["by_equation"].items():
-        line(f"one effect: ranked first, effects made by {SOURCES[source]}", tally(share))
+        line(f"one effect: ranked first, effects made by {EQUATIONS[source]}", tally(share))
     for name, entry in score["remainders"]["by_kind"].items():
         line(f"reported as unexplained: {label(name)}", tally(entry))
     if (area := score["remainders"]["area"]) is not None:
@@ -75,7 +75,7 @@ def rows(score: Mapping) -> list[str]:
     parameters = score["parameters"]
     line("error of parameters, median", percent(parameters["all"]["median_absolute_relative_error"]))
     for source, entry in parameters["by_equation"].items():
-        line(f"95 % intervals that cover the true value, effects made by {SOURCES[source]}", tally(entry["covered"]))
+        line(f"95 % intervals that cover the true value, effects made by {EQUATIONS[source]}", tally(entry["covered"]))
     for name, entry in parameters["by_effect"].items():
         line(f"the same, {label(name)}", tally(entry["covered"]))
     for key in ("first_named", "gain", "ruled_out"):

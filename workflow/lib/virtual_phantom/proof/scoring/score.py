@@ -6,8 +6,9 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 from ...physics.effect import names
-from ..hiding.case import CATEGORIES, EQUATIONS, KINDS, Case
+from ..hiding.case import CATEGORIES, KINDS, Case
 from ..hiding.catalogue import CATALOGUE, STRENGTHS, never_hidden
+from ..hiding.truth import EQUATIONS
 from . import agreement, calibration, confusion, parameters, remainders
 from .headline import headline
 from .intervals import median, quantile, share
@@ -41,12 +42,6 @@ MEANING = {
         "If the recordings use the equation of the library, written again, a right name shows that the effect is found "
         "in the scans of another simulator. It does not show that the equation is right."
     ),
-}
-# Names of the sources of equations in tables
-SOURCES = {
-    "simulator": "the simulator's own",
-    "other": "another equation than the library's",
-    "own": "the library's equation, written again",
 }
 
 
@@ -113,7 +108,7 @@ def effects(cases: Sequence[Case]) -> dict:
     made = sorted({(one["equation"], one["known"], one["name"]) for case in cases for one in case.truth["effects"]})
     return {
         "meaning": MEANING["models"],
-        "sources": SOURCES,
+        "sources": EQUATIONS,
         "library": len(names()),
         "can_be_concealed": sum(effect.known for effect in CATALOGUE.values()),
         "never_concealed": never_hidden(),
