@@ -39,7 +39,7 @@ def made(tmp_path_factory):
     """Outputs of the script for the suite of nine cases."""
     folder = tmp_path_factory.mktemp("suite")
     inputs = Given(write_suite(folder), maps=[folder / "diagnosis" / truth["case"] / "maps" for truth in TRUTHS])
-    registered = registration(4711, {}, map(completed, TRUTHS), inputs["seals"])
+    registered = registration({"seed": 4711}, map(completed, TRUTHS), inputs["seals"])
     seal.write(registered, folder / "registration.json")
     inputs |= {"real": [], "real_maps": [], "times": [], "registration": folder / "registration.json"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")

@@ -15,6 +15,7 @@ from virtual_phantom.config.outputs import Files
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.proof.scoring.verdicts import verdict_document
+from virtual_phantom.study.benchmark import Benchmark
 from virtual_phantom.study.proof import Proof
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -78,8 +79,12 @@ def test_each_bad_file_is_printed(tmp_path, capsys):
 def test_folder_of_verdicts_gives_name_and_files_of_the_program(tmp_path):
     study = read_study(read_configs([ROOT / "config/quick_proof.yaml"])[1])
     files = written(tmp_path / "mine", [verdict_document(DIAGNOSES[0])])
-    found = Proof.read(Plan(replace(study, verdicts=f"{tmp_path}/mine/")), Files("r"))
+
+    def read(folder):
+        return Benchmark.read(Proof.read(Plan(replace(study, verdicts=folder)), Files("r")))
+
+    found = read(f"{tmp_path}/mine/")
     assert found.program == "mine" and found.verdict_files() == list(map(str, files))
-    assert Proof.read(Plan(study), Files("r")).program == "diagnosis"
-    with pytest.raises(InputError, match="verdicts: there is no folder .*/other; name one"):
-        Proof.read(Plan(replace(study, verdicts=f"{tmp_path}/other")), Files("r"))
+    assert read("").program == "diagnosis" and read("").verdict_files()[0] == "r/proof/verdicts/case_01.json"
+    with pytest.raises(InputError, match="verdicts: there is no folder .*/other; name a folder"):
+        read(f"{tmp_path}/other")

@@ -29,6 +29,7 @@ ROOT = Path(__file__).resolve().parents[2]
 RECORD = RESOURCES / "proof_record.yaml"
 PAGES = ("README.md", "docs/validation/blind-validation.md")
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
+SEED = 0x01234567
 COUNTS = {"first_medium_or_strong": [3.5, 4], "false_alarms": [0, 3], "intervals": [6, 10]}
 
 
@@ -62,7 +63,7 @@ def run(tmp_path, committed):
     """Folder of a registered and scored run."""
     folder = tmp_path / "proof"
     files = write_suite(folder)
-    registered = registration.registration("commit", {}, map(completed, TRUTHS), files["seals"])
+    registered = registration.registration({"seed": SEED}, map(completed, TRUTHS), files["seals"])
     seal.write(registered, folder / "registration.json")
     for event in ("registered", "failed", "registered"):
         registration.log_run(folder / "runs.jsonl", event, registered)
@@ -89,7 +90,7 @@ def command(monkeypatch, capsys, tmp_path):
 
 
 def test_seed_is_derived_from_the_commit(committed, monkeypatch):
-    assert registration.seed_of("commit") == 0x01234567 and registration.seed_of(16) == 16
+    assert registration.seed_of("commit") == SEED and registration.seed_of(16) == 16
     monkeypatch.setattr(registration, "commit", lambda: None)
     with pytest.raises(InputError, match="proof.seed: 'commit' needs a Git checkout"):
         registration.seed_of("commit")
@@ -107,8 +108,8 @@ def test_changed_code_is_refused_or_recorded(tmp_path, committed):
     with pytest.raises(
         InputError, match="proof.seed: 'commit' needs code without changes, .* such as workflow/lib/x.py"
     ):
-        registration.registration("commit", {}, [], files["seals"])
-    registered = registration.registration(16, {}, map(completed, TRUTHS), files["seals"])
+        registration.registration({"seed": SEED}, [], files["seals"])
+    registered = registration.registration({"seed": 16}, map(completed, TRUTHS), files["seals"])
     assert (registered["changed"], registered["cases"], registered["simulators"]) == (committed, 9, ["xcist"])
     reasons = registration.assessed(registered, files["seals"])["reasons"]
     assert reasons == ["its seed was chosen", "the code had changes that were not committed"]
@@ -132,7 +133,7 @@ def test_registered_run_is_added_once_and_fills_the_pages(record, run, command, 
     code, text = command(path, "add", run / "score.json", "--note", "first")
     assert code == 0 and path.read_text().startswith(before)
     added = read_proof_record(path)[1]
-    assert (added.seed, added.commit, added.cases, added.rule) == (0x01234567, COMMIT, 9, 2)
+    assert (added.seed, added.commit, added.cases, added.rule) == (SEED, COMMIT, 9, 2)
     assert added.attempts == {"registered": 2, "failed": 1, "scored": 0}
     assert added.counts["first_medium_or_strong"] == (1.5, 2) and added.own["first_weak"] == (0, 1)
     assert added.coverage["scatter"] == (1, 2) and "first_weak" not in added.counts

@@ -48,6 +48,7 @@ def code(script, effects=(), hooks=False):
 
 
 wildcard_constraints:
+    program="[^/]+",
     protocol="[A-Za-z0-9_]+",
     geometry="[A-Za-z0-9_]+",
     noise="[A-Za-z0-9_]+",
@@ -55,5 +56,4 @@ wildcard_constraints:
     recording="[A-Za-z0-9_]+",
     comparison="[A-Za-z0-9_]+",
     case="case_[0-9]+",
-    program="[^/]+",
     phantom="|".join(context.proof.phantoms),

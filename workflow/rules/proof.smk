@@ -35,9 +35,8 @@ rule proof_seal:
     localrule: True
     params:
         settings=proof.hiding,
-        stated_seed=context.study.proof.seed,
-        registered=proof.registered,
-        runs=proof.runs_file,
+        registered=context.benchmark.registered,
+        runs=context.benchmark.runs_file,
         code=code("seal_proof.py"),
     script:
         "../scripts/seal_proof.py"
@@ -163,7 +162,7 @@ rule proof_score:
         runtime=20,
     params:
         suite=to_mapping(proof.settings),
-        runs=proof.runs_file,
+        runs=context.benchmark.runs_file,
         code=code("score_proof.py"),
     script:
         "../scripts/score_proof.py"
@@ -184,8 +183,7 @@ rule proof_suite:
         results("logs/proof/suite.log"),
     localrule: True
     params:
-        cases=lambda wildcards: proof.given(),
-        effects=sorted(set().union(*proof.tried.values())),
+        cases=lambda wildcards: context.benchmark.given(),
         code=code("proof_suite.py"),
     script:
         "../scripts/proof_suite.py"
@@ -196,6 +194,7 @@ rule hide:
     input:
         rules.proof_seal.output,
         rules.proof_suite.output,
+        context.benchmark.object_files(),
         proof.all("proof_recording"),
         proof.all("proof_held_out"),
     localrule: True
@@ -206,7 +205,7 @@ rule score_verdicts:
     input:
         sealed=rules.proof_seal.output.sealed,
         seals=rules.proof_seal.output.seals,
-        verdicts=proof.verdict_files(),
+        verdicts=context.benchmark.verdict_files(),
     output:
         hashes=results("proof/programs/{program}/hashes.json"),
         score=results("proof/programs/{program}/score.json"),
@@ -223,9 +222,9 @@ rule score_verdicts:
 rule score:
     """The score of the verdicts in the folder that the key verdicts names."""
     input:
-        expand(rules.score_verdicts.output, program=proof.program),
+        expand(rules.score_verdicts.output, program=context.benchmark.program),
     localrule: True
 
 
 onerror:
-    proof.log_failure(log)
+    context.benchmark.log_failure(log)

@@ -18,7 +18,6 @@ def main(
     seals_file: str,
     registration_file: str,
     runs_file: str,
-    stated_seed: int | str,
     settings: ProofSettings,
     registered_settings: Mapping,
 ) -> None:
@@ -27,7 +26,7 @@ def main(
     for document, path in zip(documents, sealed_files, strict=True):
         seal.write(document, Path(path))
     seal.write(seal.publish(documents), seals_file)
-    registered = registration(stated_seed, registered_settings, map(completed, drawn), seals_file)
+    registered = registration(registered_settings, map(completed, drawn), seals_file)
     seal.write(registered, registration_file)
     log_run(runs_file, "registered", registered)
     log.info("%d cases sealed, seed %d, commit %s", len(documents), registered["seed"], registered["commit"])
@@ -40,7 +39,6 @@ if "snakemake" in globals():
             seals_file=snakemake.output.seals,
             registration_file=snakemake.output.registration,
             runs_file=snakemake.params.runs,
-            stated_seed=snakemake.params.stated_seed,
             settings=from_mapping(ProofSettings, snakemake.params.settings),
             registered_settings=snakemake.params.registered,
         )

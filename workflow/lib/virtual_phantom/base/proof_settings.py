@@ -45,7 +45,7 @@ class ProofScan(ProofProtocol):
 class ProofSettings:
     """Section `proof`; `none`, `pairs` and `unknown` are numbers of cases."""
 
-    seed: int | str  # "commit": from the hash of the code's commit; jobs get the number
+    seed: int
     strengths: tuple[str, ...]
     none: int
     pairs: int

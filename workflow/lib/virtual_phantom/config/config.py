@@ -16,6 +16,7 @@ from ..io.published import FOLDER, OLD_FOLDER, resources_folder
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
 from ..physics.beam.material_names import library_name
 from ..physics.effect import acts_on_images, checked
+from ..proof.scoring.registration import seed_of
 from .config_rules import Names, Rules
 from .outputs import Files
 from .plan import without_physics
@@ -54,7 +55,7 @@ def read_study(settings: Mapping) -> Study:
     study = from_mapping(Study, complete(settings))
     if study.analyses.stability and study.analyses.stability.without_physics:
         study = replace(study, protocols=study.protocols | without_physics(study.protocols))
-    return study
+    return replace(study, proof=replace(study.proof, seed=seed_of(study.proof.seed)))
 
 
 def complete(settings: Mapping) -> dict:

@@ -22,6 +22,7 @@ from ..io.files import check_unchanged
 from ..projectors import choose_engine
 from . import analyses
 from .acquisitions import Acquisitions
+from .benchmark import Benchmark
 from .costs.jobs import Sizes, study_jobs
 from .costs.limits import minutes
 from .costs.rates import read_rates, seconds
@@ -70,6 +71,7 @@ class Context:
     quality: Quality
     diagnosis: Diagnosis
     proof: Proof
+    benchmark: Benchmark
     pages: Pages
 
     @property
@@ -273,6 +275,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
         quality=Quality(plan, outputs, recordings),
         diagnosis=diagnosis,
         proof=proof,
+        benchmark=Benchmark.read(proof),
         pages=pages,
     )
 

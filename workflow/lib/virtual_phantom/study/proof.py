@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from ..base.errors import InputError
 from ..base.proof_settings import ProofProtocol, ProofSettings
@@ -14,7 +13,6 @@ from ..config.outputs import Files
 from ..config.plan import Plan
 from ..diagnosis.candidate_effects import candidates
 from ..diagnosis.settings import FitSettings, RecordingSettings
-from ..proof.hiding import seal
 from ..proof.hiding.objects import OBJECTS
 from ..proof.hiding.suite import (
     PHANTOMS,
@@ -26,7 +24,6 @@ from ..proof.hiding.suite import (
     phantom_of,
     views_of,
 )
-from ..proof.scoring.registration import log_run, seed_of
 
 
 @dataclass(frozen=True)
@@ -35,8 +32,6 @@ class Proof:
 
     Attributes
     ----------
-    settings : ProofSettings
-        Section `proof` of the configuration; a seed of "commit" is replaced by its number.
     cases : tuple of str
         Names of the cases.
     tried : mapping of str to list of str
@@ -45,7 +40,6 @@ class Proof:
 
     plan: Plan
     files: Files
-    settings: ProofSettings
     cases: tuple[str, ...]
     tried: Mapping[str, list[str]]
 
@@ -58,18 +52,21 @@ class Proof:
         InputError
             If the settings do not give a set of cases.
         """
-        settings = replace(plan.study.proof, seed=seed_of(plan.study.proof.seed))
+        settings = plan.study.proof
         named = tuple(cases(settings))
         check_tried(settings)
-        if plan.study.verdicts and not Path(plan.study.verdicts).is_dir():
-            raise InputError(f"verdicts: there is no folder {plan.study.verdicts}; name one with verdicts of a program")
         check_recordings(settings.recordings, plan.study.diagnosis.recordings)
         stated = _diagnosed(settings.scan)
         try:
             of_images = candidates(replace(stated, effects=settings.images.tried), "images")
         except InputError as error:
             raise InputError(str(error).replace("diagnosis.effects", "proof.images.tried")) from None
-        return cls(plan, files, settings, named, {"projections": candidates(stated), "images": of_images})
+        return cls(plan, files, named, {"projections": candidates(stated), "images": of_images})
+
+    @property
+    def settings(self) -> ProofSettings:
+        """Section `proof` of the configuration."""
+        return self.plan.study.proof
 
     @property
     def hiding(self) -> dict:
@@ -152,46 +149,6 @@ class Proof:
             seed=study.seed,
             protocol=simulated,
         )
-
-    def given(self) -> dict:
-        """Return what the diagnosis of each case is given, {case: {recording, object, model, effects}}."""
-        return {
-            case: {
-                "recording": self.files("proof_recording", case=case),
-                "object": self.known_phantom(case),
-                "model": to_mapping(self.model(case)),
-                "effects": self.tried_on(case),
-            }
-            for case in self.cases
-        }
-
-    @property
-    def program(self) -> str:
-        """Name of the program whose verdicts `snakemake score` scores: their folder."""
-        return Path(self.plan.study.verdicts).name if self.plan.study.verdicts else "diagnosis"
-
-    def verdict_files(self) -> list[str]:
-        """Return the verdict files of this program."""
-        folder = self.plan.study.verdicts
-        if not folder:
-            return self.all("verdict")
-        return sorted(map(str, Path(folder).glob("[!.]*.json")))
-
-    @property
-    def registered(self) -> dict:
-        """Return the settings that a registration states: all but the real recordings, which are not scored."""
-        return {key: value for key, value in to_mapping(self.settings).items() if key != "recordings"}
-
-    @property
-    def runs_file(self) -> str:
-        """The log of runs."""
-        return self.files("runs")
-
-    def log_failure(self, snakemake_log: str) -> None:
-        """Add a failed run to the log of runs if it had a job of the registered blind validation."""
-        registered = Path(self.files("registration"))
-        if registered.is_file() and "rule proof_" in Path(snakemake_log).read_text(encoding="utf-8"):
-            log_run(self.runs_file, "failed", seal.read(registered))
 
     def _kind(self, case: str) -> str:
         return kind_of(case, self.settings)

@@ -63,15 +63,13 @@ def seed_of(stated: int | str) -> int:
     return int(found[:DIGITS], 16)
 
 
-def registration(stated_seed: int | str, settings: Mapping, truths: Iterable[Mapping], seals: str | Path) -> dict:
+def registration(settings: Mapping, truths: Iterable[Mapping], seals: str | Path) -> dict:
     """Return the registration of a run, which is written before its scans.
 
     Parameters
     ----------
-    stated_seed : int or str
-        Value of proof.seed.
     settings : mapping
-        Section `proof` of the configuration.
+        Section `proof` of the configuration, with the number of the seed.
     truths : iterable of mapping
         Truths with all fields (hiding.truth.completed).
     seals : str or Path
@@ -83,7 +81,8 @@ def registration(stated_seed: int | str, settings: Mapping, truths: Iterable[Map
         If the seed comes from the commit and the code has changes that are not committed.
     """
     truths, changed = list(truths), changed_files()
-    if stated_seed == COMMIT and changed:
+    from_commit = commit() is not None and settings["seed"] == seed_of(COMMIT)
+    if from_commit and changed:
         raise InputError(
             f"proof.seed: 'commit' needs code without changes, but {len(changed)} files differ from the commit, such "
             f"as {changed[0]}; commit them, or use a whole number for a run that does not count"
@@ -92,8 +91,8 @@ def registration(stated_seed: int | str, settings: Mapping, truths: Iterable[Map
         "commit": commit(),
         "changed": changed,
         "rule": {"version": VERSION, "text": RULE},
-        "seed": seed_of(stated_seed),
-        "seed_from_commit": stated_seed == COMMIT,
+        "seed": settings["seed"],
+        "seed_from_commit": from_commit,
         "cases": len(truths),
         "simulators": sorted({truth["simulator"] for truth in truths}),
         "settings": dict(settings),

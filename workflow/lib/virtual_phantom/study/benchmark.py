@@ -1,0 +1,80 @@
+"""Suites of the blind validation for other programs, and the log of runs (targets `hide` and `score`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..base.errors import InputError
+from ..base.settings import to_mapping
+from ..proof.hiding import seal
+from ..proof.scoring.registration import log_run
+from .proof import Proof
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Suite of one configuration, and the verdicts of a program.
+
+    Attributes
+    ----------
+    verdicts : str
+        Folder with the verdicts of a program; empty: the verdicts of the diagnosis.
+    """
+
+    proof: Proof
+    verdicts: str
+
+    @classmethod
+    def read(cls, proof: Proof) -> Benchmark:
+        """Return the benchmark of a configuration; InputError if there is no folder of verdicts."""
+        verdicts = proof.plan.study.verdicts
+        if verdicts and not Path(verdicts).is_dir():
+            raise InputError(f"verdicts: there is no folder {verdicts}; name a folder with the verdicts of a program")
+        return cls(proof, verdicts)
+
+    @property
+    def program(self) -> str:
+        """Name of the program: that of the folder."""
+        return Path(self.verdicts).name if self.verdicts else "diagnosis"
+
+    def verdict_files(self) -> list[str]:
+        """Return the verdict files of the program."""
+        found = sorted(map(str, Path(self.verdicts).glob("[!.]*.json"))) if self.verdicts else []
+        return found if self.verdicts else self.proof.all("verdict")
+
+    def given(self) -> dict:
+        """Return what the diagnosis of each case is given, {case: {recording, object, model, effects}}."""
+        return {
+            case: {
+                "recording": self.proof.files("proof_recording", case=case),
+                "object": self._object(case),
+                "model": to_mapping(self.proof.model(case)),
+                "effects": self.proof.tried_on(case),
+            }
+            for case in self.proof.cases
+        }
+
+    def object_files(self) -> list[str]:
+        """Return the files that describe the objects of all cases."""
+        return sorted({path for case in self.proof.cases for path in self._object(case).values()})
+
+    def _object(self, case: str) -> Mapping[str, str]:
+        return self.proof.known_phantom(case)
+
+    @property
+    def registered(self) -> dict:
+        """Return the settings that a registration states: all but the real recordings, which are not scored."""
+        return {key: value for key, value in to_mapping(self.proof.settings).items() if key != "recordings"}
+
+    @property
+    def runs_file(self) -> str:
+        """The log of runs."""
+        return self.proof.files("runs")
+
+    def log_failure(self, snakemake_log: str) -> None:
+        """Add a failed run to the log of runs if it had a job of the registered blind validation."""
+        registered = Path(self.proof.files("registration"))
+        if registered.is_file() and "rule proof_" in Path(snakemake_log).read_text(encoding="utf-8"):
+            log_run(self.runs_file, "failed", seal.read(registered))
