@@ -27,7 +27,7 @@ def write_document(content: dict, path: str | Path, kind: str) -> None:
     write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", path)
 
 
-def read_document(path: str | Path, kind: str) -> dict:
+def read_document(path: str | Path, kind: str, advice: str = "make it again") -> dict:
     """Read a document of one of the kinds above.
 
     Raises
@@ -35,12 +35,12 @@ def read_document(path: str | Path, kind: str) -> dict:
     InputError
         If the file is missing, not JSON, or refused by the schema.
     """
-    with refusing(f"{path}: is no {kind}.json", OSError, ValueError, advice="make it again"):
+    with refusing(f"{path}: is no {kind}.json", OSError, ValueError, advice=advice):
         content = json.loads(read_text(path))
     try:
         validate(content, schema_of_kind(kind), f"{kind}.json")
     except InputError as error:
-        raise InputError(f"{path}: is no {kind}.json ({error}); make it again") from error
+        raise InputError(f"{path}: is no {kind}.json ({error}); {advice}") from error
     return content
 
 

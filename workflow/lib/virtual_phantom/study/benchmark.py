@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,8 +73,10 @@ class Benchmark:
         """The log of runs."""
         return self.proof.files("runs")
 
-    def log_failure(self, snakemake_log: str) -> None:
+    def log_failure(self, snakemake_logs: Iterable[str]) -> None:
         """Add a failed run to the log of runs if it had a job of the registered blind validation."""
         registered = Path(self.proof.files("registration"))
-        if registered.is_file() and "rule proof_" in Path(snakemake_log).read_text(encoding="utf-8"):
+        if registered.is_file() and any(
+            "rule proof_" in Path(log).read_text(encoding="utf-8") for log in snakemake_logs
+        ):
             log_run(self.runs_file, "failed", seal.read(registered))

@@ -56,7 +56,7 @@ def read_verdicts(paths: Iterable[str | Path], cases: Collection[str]) -> dict[s
 
 
 def _read(path: str | Path) -> dict:
-    document = read_document(path, VERDICT)
+    document = read_document(path, VERDICT, "correct it")
     if document["case"] != Path(path).stem:
         raise InputError(f"{path}: case is {document['case']!r}; use the name of the file")
     known = {*names(), *CATALOGUE}
