@@ -1,4 +1,4 @@
-"""Write the verdicts of three simple methods on a suite of the blind validation (1 minute per case).
+"""Write the verdicts of three simple methods on a suite of the blind validation (minutes per case).
 
 `snakemake hide` makes the suite, `snakemake score --config verdicts=OUT/METHOD` the score. The methods use all repeats:
 
