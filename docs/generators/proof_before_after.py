@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from virtual_phantom.figures import before_after, style
-from virtual_phantom.proof.hiding.case import collect
+from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
 
 OUT = Path(__file__).resolve().parents[1] / "images" / "proof_before_after.png"
@@ -25,7 +25,7 @@ def main(proof: Path) -> None:
     }
     shown = example(collect(**files))
     maps = residual_maps(proof / "diagnosis" / shown.name / "maps")
-    print(f"{shown.name}: hidden {', '.join(shown.hidden)}, named {', '.join(shown.named)}, {shown.verdict}")
+    print(f"{shown.name}: hidden {', '.join(shown.hidden)}, named {', '.join(shown.named)}, {shown.diagnosis['verdict']}")
     style.save(before_after.draw(*maps, shown.kind, *in_words(shown)), [OUT])
 
 

@@ -70,8 +70,8 @@ class Benchmark:
 
     @property
     def runs_file(self) -> str:
-        """The log of runs."""
-        return self.proof.files("runs")
+        """The log of runs. It is no output of a job, since jobs only append to it."""
+        return str(Path(self.proof.files("registration")).with_name("runs.jsonl"))
 
     def log_failure(self, snakemake_logs: Iterable[str]) -> None:
         """Add a failed run to the log of runs if it had a job of the registered blind validation."""
