@@ -25,7 +25,9 @@ def main(proof: Path) -> None:
     }
     shown = example(collect(**files))
     maps = residual_maps(proof / "diagnosis" / shown.name / "maps")
-    print(f"{shown.name}: hidden {', '.join(shown.hidden)}, named {', '.join(shown.named)}, {shown.diagnosis['verdict']}")
+    print(
+        f"{shown.name}: hidden {', '.join(shown.hidden)}, named {', '.join(shown.named)}, {shown.diagnosis['verdict']}"
+    )
     style.save(before_after.draw(*maps, shown.kind, *in_words(shown)), [OUT])
 
 

@@ -13,6 +13,7 @@ from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
+from virtual_phantom.proof.hiding.truth import EQUATIONS
 from virtual_phantom.proof.scoring.record import class_table, result_table
 from virtual_phantom.statistics.proof_record import read_proof_record
 
@@ -53,9 +54,9 @@ def coverage() -> str:
 def origins() -> str:
     """Return whose equations make each hidden effect, and which effects are never hidden."""
     rows = []
-    for model, made in MODELS.items():
+    for source, made in zip(EQUATIONS.values(), MODELS.values(), strict=True):
         known, lacking = ([label(one) for one in made if (one in names()) == wanted] for wanted in (True, False))
-        rows.append([model, ", ".join(known), ", ".join(lacking)])
+        rows.append([source, ", ".join(known), ", ".join(lacking)])
     head = ["made by", "effects of Virtual Phantom", "faults outside the library"]
     never = f"Never hidden: {', '.join(map(label, never_hidden()))}."
     return "\n\n".join(["### Origin of the equations", table(head, rows), never])

@@ -17,7 +17,7 @@ from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
-from virtual_phantom.proof.hiding.truth import completed
+from virtual_phantom.proof.hiding.truth import EQUATIONS, completed
 from virtual_phantom.proof.scoring import registration
 from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.record import coverage_table, filled, result_table
@@ -222,9 +222,9 @@ def test_pages_state_the_number_of_effects():
 
 def test_docs_state_the_origin_of_the_equations():
     page = validation_tables.page()
-    for model, made in MODELS.items():
+    for source, made in zip(EQUATIONS.values(), MODELS.values(), strict=True):
         known, lacking = (", ".join(label(one) for one in made if (one in names()) == kind) for kind in (True, False))
-        assert f"| {model} | {known} | {lacking} |" in page
+        assert f"| {source} | {known} | {lacking} |" in page
     assert f"Never hidden: {', '.join(map(label, never_hidden()))}." in page
 
 

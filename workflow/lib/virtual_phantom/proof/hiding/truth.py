@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .catalogue import MODELS, OTHER, REPEATED, XCIST
+from .catalogue import MODELS
 
 # Sources of the equation that makes a hidden effect, {name: description}
 EQUATIONS = {
@@ -21,8 +21,7 @@ def completed(truth: Mapping) -> dict:
 
     Their only simulator is XCIST, all scans are circles of a flat detector, and nothing deviates from the description.
     """
-    sources = {XCIST: "simulator", OTHER: "other", REPEATED: "own"}
-    equations = {name: sources[model] for model, made in MODELS.items() for name in made}
+    equations = {name: source for source, made in zip(EQUATIONS, MODELS.values(), strict=True) for name in made}
     missing = {
         "simulator": "xcist",
         "geometry": "circular, flat detector",
