@@ -16,9 +16,9 @@ SALT = "5a" * 32
 def truth(case, category, effects=(), strength=None, where=(), kind="projections", phantom="abdomen", **fields):
     """Truth with effects {name: comparable parameters}; the library has no model of those with an exclamation mark.
 
-    fields: those of the blind test with object errors, such as simulator; equation applies to every effect.
+    The library's own equation makes `heel`, unless `equation` is given. fields: further ones, such as simulator.
     """
-    equation = {"equation": fields.pop("equation")} if "equation" in fields else {}
+    equation = fields.pop("equation", None)
     return {
         "case": case,
         "kind": kind,
@@ -32,7 +32,7 @@ def truth(case, category, effects=(), strength=None, where=(), kind="projections
                 "strength": strength,
                 "settings": {"scale": 1.0},
                 "comparable": comparable,
-                **equation,
+                "equation": equation or {"heel": "own"}.get(name, "other" if name.startswith("!") else "simulator"),
             }
             for name, comparable in dict(effects).items()
         ],
