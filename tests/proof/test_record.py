@@ -14,6 +14,8 @@ from proof_suite import TRUTHS, diagnosis, write_suite
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.names import label
+from virtual_phantom.config.config import read_study
+from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
@@ -24,6 +26,7 @@ from virtual_phantom.proof.scoring.record import coverage_table, filled, result_
 from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.html import render_diagnosis
 from virtual_phantom.statistics.proof_record import read_proof_record, with_coverage
+from virtual_phantom.study.checks.preflight import problems
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORD = RESOURCES / "proof_record.yaml"
@@ -91,9 +94,10 @@ def command(monkeypatch, capsys, tmp_path):
 
 def test_seed_is_derived_from_the_commit(committed, monkeypatch):
     assert registration.seed_of("commit") == SEED and registration.seed_of(16) == 16
+    stated = read_configs([ROOT / "config/quick_proof.yaml"])[1] | {"proof": {"seed": "commit"}}
+    assert read_study(stated).proof.seed == SEED
     monkeypatch.setattr(registration, "commit", lambda: None)
-    with pytest.raises(InputError, match="proof.seed: 'commit' needs a Git checkout"):
-        registration.seed_of("commit")
+    assert problems(stated) == ["proof.seed: 'commit' needs a Git checkout of Virtual Phantom; use a whole number"]
 
 
 def test_this_checkout_has_a_commit():

@@ -55,7 +55,7 @@ def read_study(settings: Mapping) -> Study:
     study = from_mapping(Study, complete(settings))
     if study.analyses.stability and study.analyses.stability.without_physics:
         study = replace(study, protocols=study.protocols | without_physics(study.protocols))
-    return replace(study, proof=replace(study.proof, seed=seed_of(study.proof.seed)))
+    return study
 
 
 def complete(settings: Mapping) -> dict:
@@ -183,6 +183,10 @@ def inspect_config(settings: Mapping) -> tuple[list[str], dict]:
         rest["scans"] = {name: _with_beam(rest["scan"] | changes) for name, changes in scans.items()}
         rest["scan"] = _with_beam(rest["scan"])
     lines = [mistake.line for mistake in found] + list(Rules(rest, Names.of(settings)).lines())
+    try:
+        rest["proof"]["seed"] = seed_of(rest["proof"]["seed"])
+    except InputError as error:  # without a seed, there are no cases to check
+        return [*dict.fromkeys(lines), str(error)], {}
     return list(dict.fromkeys(lines)), rest
 
 
