@@ -40,7 +40,11 @@ def last_run() -> str:
     attempts = ", ".join(f"{event} {count} times" for event, count in RUN.attempts.items())
     note = f"Seed {RUN.seed}, commit {RUN.commit}, {RUN.cases} cases, scoring rule {RUN.rule}. {RUN.note}"
     logged = f"Log of runs of this commit: {attempts}." if attempts else ""
-    return "\n\n".join(filter(None, ["\n".join(result_table(RUN)), "\n".join(class_table(RUN)), note, logged]))
+    return "\n\n".join(
+        filter(
+            None, ["\n".join(result_table(RUN.counts, RUN.own, RUN.worst)), "\n".join(class_table(RUN)), note, logged]
+        )
+    )
 
 
 def coverage() -> str:

@@ -7,7 +7,7 @@ from virtual_phantom.io.files import write_text
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.scoring.collect import collect_verdicts
 from virtual_phantom.proof.scoring.headline import headline
-from virtual_phantom.proof.scoring.rows import score_table
+from virtual_phantom.proof.scoring.record import result_table, summary
 from virtual_phantom.proof.scoring.verdicts import digests, read_verdicts
 from virtual_phantom.study.job import job
 
@@ -26,7 +26,7 @@ def main(
     seal.write(digests(verdicts), hashes_file)  # before the seals are opened
     found = {"program": program} | headline(collect_verdicts(sealed, seals, documents))
     write_document(found, score_file, PROGRAM_SCORE)
-    table = "\n".join(score_table(found)) + "\n"
+    table = "\n".join(result_table(**summary(found))) + "\n"
     write_text(table, table_file)
     print(table)
 

@@ -26,6 +26,15 @@ def _counts(shares: Mapping) -> dict[str, list]:
     return {name: [round(one["count"], 4), one["n"]] for name, one in shares.items() if one["n"]}
 
 
+def summary(headline: Mapping) -> dict[str, dict]:
+    """Return counts, own and worst of a headline score, as in RecordedRun."""
+    return {
+        "counts": _counts(headline["all"]),
+        "own": _counts(headline["own"]),
+        "worst": {name: f"{label(one['class'])}: {_plain(one)}" for name, one in headline["worst"].items()},
+    }
+
+
 def add(path: str | Path, score: Mapping, runs: str | Path, note: str) -> None:
     """Append the score of a registered run to a record.
 
@@ -54,9 +63,7 @@ def add(path: str | Path, score: Mapping, runs: str | Path, note: str) -> None:
             "registered": True,
             "rule": counted["rule"]["version"],
             "note": note,
-            "counts": _counts(counted["all"]),
-            "own": _counts(counted["own"]),
-            "worst": {name: f"{label(one['class'])}: {_plain(one)}" for name, one in counted["worst"].items()},
+            **summary(counted),
             "classes": {
                 kind: {name: _counts(shares) for name, shares in values.items()}
                 for kind, values in counted["classes"].items()
@@ -71,12 +78,12 @@ def add(path: str | Path, score: Mapping, runs: str | Path, note: str) -> None:
         made.write_text(Path(path).read_text(encoding="utf-8") + text, encoding="utf-8")
 
 
-def result_table(run: RecordedRun) -> list[str]:
-    """Return the lines of a Markdown table of a run: results, the worst classes, the library's own equations."""
+def result_table(counts: Mapping[str, Count], own: Mapping[str, Count], worst: Mapping[str, str]) -> list[str]:
+    """Return the lines of a Markdown table: results, worst classes and own equations, as in RecordedRun."""
     columns = {
-        "result (95 % interval)": {name: _share(pair) for name, pair in run.counts.items()},
-        "worst class": run.worst,
-        "Virtual Phantom's own equations": {name: _share(pair) for name, pair in run.own.items()},
+        "result (95 % interval)": {name: _share(pair) for name, pair in counts.items()},
+        "worst class": worst,
+        "Virtual Phantom's own equations": {name: _share(pair) for name, pair in own.items()},
     }
     columns = {title: cells for title, cells in columns.items() if cells}
     lines = [f"| test | {' | '.join(columns)} |", "|---|" + "---|" * len(columns)]
@@ -103,7 +110,7 @@ def filled(page: str, run: RecordedRun) -> str:
     """Return a page with the results of a run between its comments."""
     registered = "registered before its scans" if run.registered else "not registered"
     about = f"Commit {run.commit[:8]}, seed {run.seed}, {run.cases} cases, {registered}. {run.note}"
-    lines = "\n".join([*textwrap.wrap(about, 120), "", *result_table(run)])
+    lines = "\n".join([*textwrap.wrap(about, 120), "", *result_table(run.counts, run.own, run.worst)])
     return RESULTS.sub(lambda found: f"{found[1]}\n{lines}\n{found[2]}", page)
 
 

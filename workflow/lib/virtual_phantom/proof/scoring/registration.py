@@ -84,8 +84,8 @@ def registration(settings: Mapping, truths: Iterable[Mapping], seals: str | Path
     from_commit = commit() is not None and settings["seed"] == seed_of(COMMIT)
     if from_commit and changed:
         raise InputError(
-            f"proof.seed: 'commit' needs code without changes, but {len(changed)} files differ from the commit, such "
-            f"as {changed[0]}; commit them, or use a whole number for a run that does not count"
+            f"proof.seed: 'commit' needs code without changes, but {changed[0]} differs from the commit "
+            f"(changed files: {len(changed)}); commit them, or use a whole number for a run that does not count"
         )
     return {
         "commit": commit(),

@@ -1,4 +1,4 @@
-"""Scores as Markdown tables."""
+"""A score as a Markdown table."""
 
 from __future__ import annotations
 
@@ -12,16 +12,6 @@ from ...statistics.proof_record import QUANTITIES
 from ..hiding.truth import EQUATIONS
 
 LEFT = "unexplained, standard deviations of noise: median, 90th percentile, maximum"
-
-
-def score_table(counted: Mapping) -> list[str]:
-    """Return the lines of a table of a headline score: all cases that count, the worst class, own equations."""
-    lines = ["| | result (95 % interval) | worst class | the library's own equations |", "|---|---|---|---|"]
-    for name, quantity in QUANTITIES.items():
-        worst = counted["worst"].get(name)
-        cells = [tally(counted["all"][name]), f"{label(worst['class'])}: {tally(worst)}" if worst else ""]
-        lines.append(f"| {quantity} | {' | '.join(cells)} | {tally(counted['own'][name])} |")
-    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
 def rows(score: Mapping) -> list[str]:
