@@ -56,6 +56,7 @@ def test_verdicts_of_a_program_are_scored(tmp_path):
     assert counts == {
         "first_medium_or_strong": (1, 2),
         "exact": (1, 3),
+        "left_open": (0, 1),
         "pairs": (0, 1),
         "false_alarms": (2, 2),
         "unknown": (0, 2),

@@ -45,6 +45,7 @@ def blind_validation_page(
         s=score,
         names=NAMES,
         quantities=QUANTITIES,
+        targets={target["name"]: target for target in score["targets"]},
         matrix=picture(confusion.draw(score["confusion"])),
         pictures=pictures,
         reports=reports,

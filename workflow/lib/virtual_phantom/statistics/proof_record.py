@@ -20,6 +20,7 @@ QUANTITIES = {
     "first_medium_or_strong": "one medium or strong effect: ranked first",
     "first_weak": "one weak effect: ranked first",
     "exact": "one or two effects: precisely these named",
+    "left_open": "one or two effects, all named: differences reported as unexplained",
     "pairs": "two effects: both named",
     "false_alarms": "nothing hidden: false alarms",
     "false_alarms_undeclared": "nothing hidden but a small undeclared deviation: false alarms",

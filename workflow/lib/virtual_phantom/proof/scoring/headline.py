@@ -13,7 +13,7 @@ from . import parameters
 from .intervals import share
 from .rule import LEAST_IN_CLASS, RULE, VERSION
 
-HIGHER_IS_WORSE = ("false_alarms", "false_alarms_undeclared")
+HIGHER_IS_WORSE = ("left_open", "false_alarms", "false_alarms_undeclared")
 CLASSES = ("simulator", "geometry", "object", "effect")
 
 
@@ -61,6 +61,9 @@ SCORES: dict[str, Callable[[Sequence[Case]], Sequence[float]]] = {
     "first_medium_or_strong": _singles(*STRENGTHS[1:]),
     "first_weak": _singles(STRENGTHS[0]),
     "exact": lambda cases: [case.exact for case in cases if case.category in ("single", "pair")],
+    "left_open": lambda cases: [
+        case.unexplained for case in cases if case.category in ("single", "pair") and case.all_named
+    ],
     "pairs": lambda cases: [case.all_credit for case in cases if case.category == "pair"],
     "false_alarms": _false_alarms(undeclared=False),
     "false_alarms_undeclared": _false_alarms(undeclared=True),
