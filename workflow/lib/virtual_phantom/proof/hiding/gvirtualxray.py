@@ -29,7 +29,6 @@ from .objects import ScannedObject
 from .tube import heel, modulated
 from .unsteady import displacement, turned
 from .xcist import (
-    CELLS_DIVIDED,
     ENERGIES_KEV,
     ENERGY_BINS,
     FOCAL_SPOT_SAMPLES,
@@ -39,6 +38,8 @@ from .xcist import (
     Scan,
 )
 
+# Rays per pixel along columns and rows. Edges of rods along z need many along the columns.
+DIVIDED = (16, 2)
 SCINTILLATOR_MM, SCINTILLATOR = 0.6, (4.51, {55: 0.5115, 53: 0.4885})  # caesium iodide: g/cm3, mass fractions
 TUNGSTEN = 74
 SCATTER_PER_SCALE = 0.02  # scattered over primary signal times its line integral at a scale of 1
@@ -137,7 +138,8 @@ def spectrum(scan: Scan) -> tuple[np.ndarray, np.ndarray]:
 
 def _field(scan: Scan, energies: np.ndarray) -> np.ndarray:
     """Return the relative fluence of every pixel, shape (rows, columns, energies): solid angle and heel effect."""
-    u, v = _positions(scan, 1)
+    u = (np.arange(scan.columns) - (scan.columns - 1) / 2 + scan.column_offset_px) * scan.column_pitch_mm
+    v = (np.arange(scan.rows) - (scan.rows - 1) / 2) * scan.row_pitch_mm
     distance = scan.source_to_detector_mm
     field = (1 + (u**2 + v[:, None] ** 2) / distance**2)[..., None] ** -1.5 * np.ones(len(energies))
     if depth := scan.settings.get("heel_depth_mm", 0.0):
@@ -207,13 +209,6 @@ def lagging(readings: np.ndarray, scan: Scan) -> np.ndarray:
     return found
 
 
-def _positions(scan: Scan, divided: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions of divided columns and rows on the detector, mm."""
-    columns, rows = scan.columns * divided, scan.rows * divided
-    u = (np.arange(columns) - (columns - 1) / 2) / divided + scan.column_offset_px
-    return u * scan.column_pitch_mm, (np.arange(rows) - (rows - 1) / 2) / divided * scan.row_pitch_mm
-
-
 def _transmission(scan: Scan, scanned: ScannedObject, mu_water_per_mm: float, energies: np.ndarray) -> np.ndarray:
     """Return the transmission averaged over source, pixel and exposure, shape (views, rows, columns, energies)."""
     os.environ.setdefault("LP_NUM_THREADS", "1")  # of Mesa
@@ -233,8 +228,8 @@ def _transmission(scan: Scan, scanned: ScannedObject, mu_water_per_mm: float, en
             gvxr.setDensity(name, density, "g/cm3")
             gvxr.addPolygonMeshAsInnerSurface(name)
         gvxr.usePointSource()
-        gvxr.setDetectorNumberOfPixels(scan.columns * CELLS_DIVIDED, scan.rows * CELLS_DIVIDED)
-        gvxr.setDetectorPixelSize(scan.column_pitch_mm / CELLS_DIVIDED, scan.row_pitch_mm / CELLS_DIVIDED, "mm")
+        gvxr.setDetectorNumberOfPixels(scan.columns * DIVIDED[0], scan.rows * DIVIDED[1])
+        gvxr.setDetectorPixelSize(scan.column_pitch_mm / DIVIDED[0], scan.row_pitch_mm / DIVIDED[1], "mm")
         found = np.zeros((scan.views, scan.rows, scan.columns, len(energies)))
         for number, energy in enumerate(energies):
             gvxr.setMonoChromatic(float(energy), "keV", 1)
@@ -255,8 +250,8 @@ def _cells(image: np.ndarray, scan: Scan) -> np.ndarray:
     """Average an image on divided pixels over each pixel, shape (rows, columns)."""
     if shift := scan.settings.get("tile_px", 0.0):
         ends = scan.settings["tile_from"], scan.settings["tile_to"]
-        image = displaced_tile(image.T, *ends, shift * CELLS_DIVIDED).T
-    shape = scan.rows, CELLS_DIVIDED, scan.columns, CELLS_DIVIDED
+        image = displaced_tile(image.T, *ends, shift * DIVIDED[0]).T
+    shape = scan.rows, DIVIDED[1], scan.columns, DIVIDED[0]
     return image.reshape(shape).mean(axis=(1, 3))
 
 

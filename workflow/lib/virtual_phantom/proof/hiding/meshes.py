@@ -6,9 +6,9 @@ import numpy as np
 
 from .objects import Part, ScannedObject
 
-AROUND = 240  # vertices around the z axis
+AROUND = 720  # vertices around the z axis
 LEVELS = 96  # levels of an ellipsoid
-HALF_MM, STEP_MM = 150.0, 5.0  # half length of long parts, which end far outside of the beam, and distance of levels
+HALF_MM, STEP_MM = 150.0, 10.0  # half length of long parts, which end far outside of the beam, and distance of levels
 
 
 def meshes(scanned: ScannedObject) -> list[tuple[Part, np.ndarray, np.ndarray]]:
