@@ -13,11 +13,12 @@ from .objects import Part, ScannedObject
 from .orbits import Orbit
 
 STATED_PER_PIXEL = 3  # stated voxels per detector pixel at the isocenter
-SCANNED_PER_PIXEL = (4, 6)  # scanned voxels along z and in the plane
+SCANNED_PER_PIXEL = (2, 4)  # scanned voxels along z and in the plane
 REACH = 1.3  # height of the cone beam at the object's far side over its height at the isocenter
 # Additional height for displaced rows. Rays through the end faces would differ between the simulators.
 BEYOND_MM = 6.0
 AIR_HU = -1000.0
+CONSTANT_SLICES = 4  # of an object that is constant along z
 
 
 def grid_of(scanned: ScannedObject, orbits: Sequence[Orbit], per_pixel: tuple[int, int], margin_mm: float = 0) -> Grid:
@@ -35,6 +36,8 @@ def grid_of(scanned: ScannedObject, orbits: Sequence[Orbit], per_pixel: tuple[in
         orbit.rows * pixel * REACH + abs(orbit.feed_mm) * orbit.views / orbit.views_per_rotation for orbit in orbits
     )
     along, plane = (pixel / count for count in per_pixel)
+    if all(np.isinf(part.semi_axes_mm[2]) for part in (*scanned.parts, *scanned.outside)):
+        along = (height + 2 * BEYOND_MM) / CONSTANT_SLICES
     low, high = np.array([part.shape.bounds_mm() for part in (scanned.parts[0], *scanned.outside)]).transpose(1, 0, 2)
     half = np.maximum(-low.min(axis=0), high.max(axis=0))[:2] + margin_mm + plane
     slices = 2 * int(np.ceil((height + 2 * BEYOND_MM) / along / 2))
