@@ -80,8 +80,8 @@ rule proof_diagnosis:
         effects=lambda wildcards: proof.tried_on(wildcards.case),
         same_material=True,
         accuracy=context.study.diagnosis.model_accuracy,
-        # No relevance thresholds: the blind validation looks for each effect, however small in images.
-        matters=None,
+        # As for users: some scans have deviations that are too small to be relevant, and nobody is told of them.
+        matters=context.study.diagnosis.matters,
         code=lambda wildcards: code("diagnose.py", proof.tried_on(wildcards.case)),
     script:
         "../scripts/diagnose.py"

@@ -15,7 +15,6 @@ from ..config.plan import Plan
 from ..diagnosis.candidate_effects import candidates
 from ..diagnosis.settings import Disc, FitSettings, LabelledObject, RecordingSettings, ShapesObject
 from ..io.schema import defaults_of
-from ..proof.hiding import stated_object
 from ..proof.hiding.materials import DENSE, DENSE_FROM_HU, SOFT
 from ..proof.hiding.objects import DISC, HU, LABELS
 from ..proof.hiding.orbits import HELIX, Orbit, image_grid
@@ -148,7 +147,7 @@ class Proof:
             outer = world.stated(self.settings.seed).parts[0]
             described = {"disc": Disc(2 * outer.radius_mm, outer.material)}
         elif world.description == LABELS:
-            materials = stated_object.label_materials(world.stated(self.settings.seed))
+            materials = world.stated(self.settings.seed).label_materials
             described = {"object": LabelledObject(f"{folder}/labels.nii.gz", materials)}
         elif world.description != HU:
             described = {"object": ShapesObject(f"{folder}/object.yaml")}

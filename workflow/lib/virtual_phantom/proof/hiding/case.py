@@ -10,6 +10,7 @@ from pathlib import Path
 from ...base.errors import InputError
 from ...diagnosis.residuals.residual_tests import ALPHA
 from ...diagnosis.verdict.verdict import VERDICTS
+from ...diagnosis.verdict_text import PRACTICAL
 from ...physics.effect import names
 from . import seal
 from .catalogue import STRENGTHS
@@ -17,6 +18,7 @@ from .catalogue import STRENGTHS
 CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")
 MATCH, EXPLAINED, PARTLY, UNEXPLAINED = VERDICTS
+MATCHES = (MATCH, PRACTICAL)  # nothing relevant is missing
 ADMITTED = (PARTLY, UNEXPLAINED)  # verdicts that report unexplained differences
 # Keys of a diagnosis that are scored or shown.
 SCORED = (
@@ -106,7 +108,7 @@ class Case:
     @property
     def exact(self) -> bool:
         """Whether precisely the hidden effects were named. Without a hidden effect: whether the verdict is a match."""
-        return set(self.named) == set(self.hidden) and (bool(self.hidden) or self.verdict == MATCH)
+        return set(self.named) == set(self.hidden) and (bool(self.hidden) or self.verdict in MATCHES)
 
     @property
     def all_named(self) -> bool:
@@ -145,7 +147,7 @@ class Case:
     def right(self) -> bool:
         """Whether the answer was the best possible one for the category of the case."""
         if self.category == "none":
-            return self.verdict == MATCH
+            return self.verdict in MATCHES
         if self.category == "unknown":
             return self.reported_unexplained
         return self.first_right if self.category == "single" else self.all_named
@@ -244,7 +246,7 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
         If a key is missing or the recording is another one.
     """
     missing = [key for key in SCORED if key not in diagnosis]
-    if missing or diagnosis["verdict"] not in VERDICTS:
+    if missing or diagnosis["verdict"] not in (*VERDICTS, PRACTICAL):
         what = f"it has no {', '.join(missing)}" if missing else f"verdict {diagnosis['verdict']!r}"
         raise InputError(f"{source}: is not a diagnosis that can be scored ({what}); diagnose the case again")
     if recording not in (None, diagnosis["recording"]):

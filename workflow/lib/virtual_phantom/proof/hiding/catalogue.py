@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...physics.effect import names
-from .hidden_effect import IMAGE, MEAN, NOISE, STRENGTHS, HiddenEffect, sign  # noqa: F401
+from .hidden_effect import IMAGE, MEAN, NOISE, READOUT_KEV, STRENGTHS, HiddenEffect, sign  # noqa: F401
 from .missing_effects import MISSING_EFFECTS
-from .readout import READOUT_KEV
 
 XCIST, GVXR = SIMULATORS = ("xcist", "gvirtualxray")
 COLLIMATOR_MM = 200.0  # distance from the focal spot, as the diagnosis assumes

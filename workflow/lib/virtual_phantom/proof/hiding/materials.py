@@ -47,6 +47,7 @@ MATERIALS = {
         },
     ),
 }
+IN_LIBRARY = ("water", "pmma", "polyethylene", "aluminium", "bone")  # materials that the library has by this name
 SOFT, DENSE, DENSE_FROM_HU = "water", "bone", 150.0  # tissues are water of another density, from here on with bone
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.pose import Pose
-from .materials import MATERIALS, Attenuation, tissue
+from .materials import IN_LIBRARY, MATERIALS, Attenuation, tissue
 
 BODY, PHANTOM, BENCH = KINDS = ("body", "quality_assurance", "bench")
 HU, SHAPES, LABELS, DISC = "hu", "shapes", "labels", "disc"
@@ -86,6 +86,11 @@ class ScannedObject:
     outside: tuple[Part, ...] = ()
 
     @property
+    def label_materials(self) -> dict[str, str | dict]:
+        """Material of every label of a label map, as the diagnosis is told it."""
+        return {str(number): _stated(part.material) for number, part in enumerate(self.parts, start=1)}
+
+    @property
     def radius_mm(self) -> float:
         """Radius of the first part about the z axis, mm."""
         return self.parts[0].radius_mm
@@ -93,6 +98,12 @@ class ScannedObject:
     def pixel_mm(self, columns: int) -> float:
         """Return the width of a detector pixel at the isocenter for a beam that covers the stated object."""
         return 2 * self.radius_mm * ROOM / columns
+
+
+def _stated(material: str) -> str | dict:
+    if material == "air":
+        return "nothing"
+    return material if material in IN_LIBRARY else MATERIALS[material].stated()
 
 
 def drawn_object(kind: str, homogeneous: bool, random: np.random.Generator) -> ScannedObject:

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.signal import fftconvolve
 
+from .hidden_effect import READOUT_KEV
 from .unsteady import settling
 from .xcist import Acquired
 
-READOUT_KEV = 60.0  # converts a dark signal from photons to readout units: the simulators read energy, in keV
 DARK_SPREAD = 0.2  # relative standard deviation of the dark current of pixels
 MODULE_COLUMNS = 16  # of a detector module, whose amplifiers have a common gain error
 GLARE_REACH = 4.0  # radius of the kernel, in units of the range

@@ -16,12 +16,11 @@ from ...base.geometry import Grid
 from ...io.files import write_text
 from ...io.volumes import Volume, write_nifti
 from ...phantom import Phantom, Roi, write_phantom
-from .materials import MATERIALS
+from .materials import IN_LIBRARY, MATERIALS
 from .objects import BODY, Part, ScannedObject
 from .orbits import Orbit
 from .voxels import STATED_PER_PIXEL, grid_of, labels, stated_hu
 
-IN_LIBRARY = ("water", "pmma", "polyethylene", "aluminium", "bone")  # materials that the library has by this name
 LEAST_ROI_VOXELS, ROI_MARGIN_VOXELS = 60, 2
 
 
@@ -39,17 +38,6 @@ def write(folder: str | Path, scanned: ScannedObject, orbits: Sequence[Orbit]) -
     if all(np.isinf(part.semi_axes_mm[2]) for part in scanned.parts):
         plane, grid = plane[:1], Grid((1, *grid.shape[1:]), grid.spacing)
     write_nifti(Volume(plane, grid), folder / "labels.nii.gz")
-
-
-def label_materials(scanned: ScannedObject) -> dict[str, str | dict]:
-    """Return the material of every label."""
-    return {str(number): _material(part) for number, part in enumerate(scanned.parts, start=1)}
-
-
-def _material(part: Part) -> str | dict:
-    if part.material == "air":
-        return "nothing"
-    return part.material if part.material in IN_LIBRARY else MATERIALS[part.material].stated()
 
 
 def described(scanned: ScannedObject) -> dict:

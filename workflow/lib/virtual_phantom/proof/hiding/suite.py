@@ -119,8 +119,8 @@ def check_simulators(simulators: Collection[str]) -> None:
     """Raise an InputError if a simulator is not installed."""
     if GVXR in simulators and importlib.util.find_spec("gvxrPython3") is None:
         raise InputError(
-            "proof.simulators: gvirtualxray needs the package gvxr, which is missing; install it "
-            "(.venv/bin/pip install -r environment-proof.txt), or use [xcist]"
+            "proof.simulators: gvirtualxray needs the package gvxr, which is missing; run `make setup-proof` "
+            "(Debian packages: environment-proof.txt), or use [xcist]"
         )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from ...physics.effect import names
 from ...statistics.proof_record import SeedResult
-from ..hiding.case import ADMITTED, CATEGORIES, KINDS, MATCH, Case
+from ..hiding.case import ADMITTED, CATEGORIES, KINDS, MATCHES, Case
 from ..hiding.catalogue import CATALOGUE, MODELS, STRENGTHS, never_hidden
 from . import agreement, calibration, confusion, parameters, record, remainders
 from .intervals import median, quantile, share
@@ -139,7 +139,7 @@ def accuracy(cases: Sequence[Case]) -> dict:
         },
         "beside": share(bool(set(case.named) - set(case.hidden)) for case in (*singles, *pairs)),
         "left_open": share(case.verdict in ADMITTED for case in (*singles, *pairs) if case.all_named),
-        "false_alarms": share(case.verdict != MATCH for case in blank),
+        "false_alarms": share(case.verdict not in MATCHES for case in blank),
         "unknown": share(case.reported_unexplained for case in _in_category(cases, "unknown")),
         "located": share(case.located for case in stated),
         "domains_never_tested": sorted({domain for case in stated for domain in case.truth["where"]} - tested),
