@@ -2,10 +2,11 @@
 # make test     set up and run the tests
 # make tiny     the whole workflow in a minute or two
 # make setup-fetch   set up, with what `snakemake fetch` needs
+# make setup-proof   set up, with the second simulator of the blind validation
 # make docs     this documentation as a site, into site/
 # make report   the default study's report in one page, and one to flip through slices
 # make clean    delete results, the site, and compiled code
-# make lock     the hashes of the packages of environment-pip.txt and environment-fetch.txt, into .lock files; needs uv
+# make lock     the hashes of the packages of environment-*.txt (pip, fetch, proof), into .lock files; needs uv
 PYTHON ?= python3
 CORES ?= 2
 VENV := .venv
@@ -16,7 +17,7 @@ PIP_INSTALL := $(PIP) --require-hashes
 # What pip must find installed before it builds pyradiomics; with its hashes, on the lines that follow.
 BUILD_FIRST := sed -nE '/^(setuptools|wheel|numpy)==/,/[^\]$$/p' environment-pip.lock
 
-.PHONY: study setup setup-fetch test tiny abdomen report docs lock clean
+.PHONY: study setup setup-fetch setup-proof test tiny abdomen report docs lock clean
 
 study: setup
 	$(BIN)/snakemake --cores $(CORES)
@@ -33,6 +34,9 @@ $(VENV)/installed: environment-pip.lock workflow/build/sitecustomize.py pyprojec
 
 setup-fetch: setup
 	$(PIP_INSTALL) -r environment-fetch.lock
+
+setup-proof: setup
+	$(PIP_INSTALL) --no-deps -r environment-proof.lock
 
 test: setup
 	$(BIN)/python -m pytest -n $(CORES) --dist loadfile
@@ -51,7 +55,7 @@ docs: setup
 
 # The .txt files name all packages, so that nothing is to be resolved. Hashes of all platforms and Pythons.
 lock:
-	for name in pip fetch; do \
+	for name in pip fetch proof; do \
 		$(UV) pip compile environment-$$name.txt --no-deps --universal --python-version 3.11 --generate-hashes --no-annotate \
 			--no-emit-index-url --custom-compile-command 'make lock' --quiet --output-file environment-$$name.lock || exit 1; \
 	done

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from benchmarks import common
 from benchmarks.common import simulator_scans
+from benchmarks.common.tuning_objects import OBJECTS
 from virtual_phantom.base.streams import branch, generator
-from virtual_phantom.proof.hiding.objects import OBJECTS
 from virtual_phantom.proof.hiding.suite import KNOWN
 
 STATED = 0.05  # relative SD of a declared parameter

@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import simulator_scans
+from benchmarks.common.tuning_objects import OBJECTS
 from benchmarks.intervals import LEVELS, coverage, shares
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
@@ -20,7 +21,6 @@ from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
 from virtual_phantom.diagnosis.scanner.consistency import alone
 from virtual_phantom.diagnosis.uncertainty.model_error import influences_of_recordings, joint_errors_with_models
 from virtual_phantom.physics.effect import load
-from virtual_phantom.proof.hiding.objects import OBJECTS
 
 EFFECTS = 3
 FURTHER = 10_000  # first number of recordings with other parameters; gives them other noise

@@ -11,12 +11,12 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import chain_scans, simulator_scans
+from benchmarks.common.tuning_objects import OBJECTS
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.selection.forward_selection import LEAST_GAIN
 from virtual_phantom.diagnosis.verdict.unmodeled import changes
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.proof.hiding.objects import OBJECTS
 
 FIELDS = ("maker", "draw", "kind", "z", "p", "gain")
 FINER, SAMPLES = 4, 2

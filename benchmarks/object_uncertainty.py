@@ -18,11 +18,11 @@ from scipy import ndimage
 
 from benchmarks import common
 from benchmarks.common import simulator_scans
+from benchmarks.common.tuning_objects import OBJECTS
 from virtual_phantom.base.streams import Branch, branch, generator
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.run import run_diagnosis
 from virtual_phantom.io.volumes import Volume, read_nifti, write_nifti
-from virtual_phantom.proof.hiding.objects import OBJECTS
 
 NONE = "none"
 EFFECTS = ("scatter", "veiling_glare", "spectrum", "focal_spot", "afterglow", "dark_signal")

@@ -16,16 +16,15 @@ import h5py
 import numpy as np
 
 import virtual_phantom as vp
+from benchmarks.common.tuning_objects import OBJECTS, acquire, build, scan_of
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.base.proof_settings import ProofScan
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
-from virtual_phantom.proof.hiding.generate import acquire, scan_section, write
-from virtual_phantom.proof.hiding.objects import OBJECTS
-from virtual_phantom.proof.hiding.phantoms import BEYOND_MM, REACH, build
+from virtual_phantom.proof.hiding.generate import write
+from virtual_phantom.proof.hiding.voxels import BEYOND_MM, REACH
 from virtual_phantom.proof.hiding.xcist import CELLS_DIVIDED, energy_of_water
 
 COLUMNS, ROWS, VIEWS, PHOTONS, REPEATS, ROTATION_MS, RAYS = 64, 4, 96, 1e5, 4, 1000, 32
@@ -102,9 +101,10 @@ def project(fine, scan, mu_water=MU_WATER):
 
 def recorded(folder, name, fine, hidden, seed):
     """Write a recording by XCIST; return the scan."""
-    settings = ProofScan(VIEWS, PHOTONS, ROTATION_MS, REPEATS, columns=COLUMNS, rows=ROWS)
-    scan = scan_section(OBJECTS[name], settings, VIEWS, PHOTONS, ROTATION_MS, energy_of_water(MU_WATER), hidden)
-    write(folder, "scan", scan, acquire(scan, OBJECTS[name], fine, MU_WATER, REPEATS, seed))
+    taken = {"columns": COLUMNS, "rows": ROWS, "views": VIEWS, "photons": PHOTONS, "rotation_time_ms": ROTATION_MS}
+    orbit, scan = scan_of(OBJECTS[name], taken, energy_of_water(MU_WATER), hidden)
+    readings = acquire(scan, OBJECTS[name], fine, MU_WATER, REPEATS, seed)
+    write(folder, "scan", orbit, ROTATION_MS, readings, MU_WATER)
     return scan
 
 

@@ -4,7 +4,8 @@ import os
 import tempfile
 from pathlib import Path
 
-from virtual_phantom.base.proof_settings import ProofScan, ProofSettings
+from benchmarks.common.tuning_objects import OBJECTS, acquire, build, scan_of
+from virtual_phantom.base.proof_settings import ProofSettings
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.base.streams import Branch, branch, generator
 from virtual_phantom.config.dependencies import resource
@@ -16,9 +17,8 @@ from virtual_phantom.diagnosis.settings import FitSettings, RecordingSettings
 from virtual_phantom.io.volumes import write_nifti
 from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
-from virtual_phantom.proof.hiding.generate import acquire, hidden_settings, scan_section, write
-from virtual_phantom.proof.hiding.objects import OBJECTS
-from virtual_phantom.proof.hiding.phantoms import build
+from virtual_phantom.proof.hiding.generate import hidden_settings, write
+from virtual_phantom.proof.hiding.missing_effects import MISSING_EFFECTS
 from virtual_phantom.proof.hiding.suite import KNOWN, scan_seed, truths
 from virtual_phantom.proof.hiding.xcist import energy_of_water
 
@@ -45,29 +45,33 @@ def left_to_do(options, rows):
 
 def recorded(folder, truth, config, seed, baseline=None, taken=SCAN):
     """Write the recording and the object of a case; returns what a diagnosis request needs. `taken` is the scan."""
-    one, mu = OBJECTS[truth["phantom"]], config.mu_water_per_mm
+    one, mu = OBJECTS[phantom_of(truth)], config.mu_water_per_mm
     stream = branch(config.seed, Branch.PROOF_PHANTOM)
     phantom = build(one, resource(one.layout), taken["columns"], taken["rows"], stream)
-    kev, views = energy_of_water(mu), taken["views"]
-    scan = scan_section(
-        one, ProofScan(**taken), views, taken["photons"], taken["rotation_time_ms"], kev, hidden_settings(truth)
-    )
-    write(
-        folder,
-        truth["case"],
-        scan,
-        acquire(scan, one, phantom.fine, mu, taken["repeats"], scan_seed(seed, truth["number"])),
-    )
+    hidden = hidden_settings({"effects": truth["effects"]})
+    orbit, scan = scan_of(one, taken, energy_of_water(mu), hidden)
+    readings = acquire(scan, one, phantom.fine, mu, taken["repeats"], scan_seed(seed, truth["number"]))
+    write(folder, truth["case"], orbit, taken["rotation_time_ms"], readings, mu)
     write_nifti(phantom.image, folder / "image.nii.gz")
     settings = RecordingSettings(2, 1, {}, nominal_photons=taken["photons"], baseline=baseline or {})
     return FitSettings(str(folder), settings, mu, one.stated, config.seed, protocol=None)
 
 
+OF_OBJECT = ("patient_table", "truncated_object", "wrong_insert")  # faults of the object, which these scans lack
+
+
+def phantom_of(truth):
+    """Phantom of a truth; truths of the blind validation, whose objects are others, use both in turn."""
+    return truth["phantom"] if truth["phantom"] in OBJECTS else tuple(OBJECTS)[truth["number"] % len(OBJECTS)]
+
+
 def proof_settings(drawn):
     """Settings of the section `proof` for small projections, with no pairs by default."""
     settings = {
+        "simulators": ("xcist",),
+        "declared": 0,
         "pairs": 0,
-        "unknown_kinds": None,
+        "unknown_kinds": [name for name in MISSING_EFFECTS if name not in OF_OBJECT],
         "images": {"strengths": [], "effects": [], "views_times": 1},
         "scan": SCAN,
         "held_out_protocol": {"views": 30},

@@ -7,6 +7,8 @@ import pytest
 from drawn_objects import CYLINDERS, ENERGY_KEV, GEOMETRY, SPECTRUM, bench
 
 import virtual_phantom as vp
+from benchmarks.common import tuning_objects
+from benchmarks.common.tuning_objects import OBJECTS
 from benchmarks.own_simulation import project, simulated
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical, parallel_beam
@@ -25,7 +27,7 @@ from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 from virtual_phantom.physics.scenes.simulated import SimulatedScene
 from virtual_phantom.proof.hiding import generate, xcist
-from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.orbits import Orbit
 from virtual_phantom.recordings.reading import load_recording
 
 DISC = DiscScene(120.0, "water")
@@ -151,14 +153,16 @@ def phantom():
 def test_xcist_against_a_simulation_by_astra(tmp_path):
     fine, found = phantom(), {}
     kev = xcist.energy_of_water(MU_WATER)
-    scan = xcist.Scan(48, 40, 4, 5.5, 5.5, 500.0, 900.0, kev, 1e5)
+    orbit = Orbit(48, 1.0, 0.0, 0.0, "flat", 40, 4, 5.5, 5.5, 500.0, 900.0)
+    scan = generate.scan_of(orbit, 1e5, 1000.0, kev, {})
     lines = project(fine, scan, MU_WATER)
     for name, hidden in {"nothing": {}, "scatter": {"scatter_scale": 4.0}}.items():
         folder = tmp_path / name
         folder.mkdir()
         of = replace(scan, settings=hidden)
-        materials = generate.materials(fine, OBJECTS["quality_assurance"], kev, MU_WATER)
-        generate.write(folder, name, of, xcist.simulate(of, materials, 4, np.random.SeedSequence(5)))
+        materials = tuning_objects.materials(fine, OBJECTS["quality_assurance"], kev, MU_WATER)
+        taken = xcist.simulate(of, materials, 4, np.random.SeedSequence(5))
+        generate.write(folder, name, orbit, of.rotation_ms, taken, MU_WATER)
         path = simulated(folder / "astra.h5", lines)
         found[name] = vp.diagnose(folder, simulation=path, effects=["scatter", "optical_crosstalk"]).content
     assert found["nothing"]["verdict"] == "match", found["nothing"]["sentence"]

@@ -4,21 +4,24 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.base.proof_settings import ProofSettings
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.proof_settings import ProofScan, ProofSettings
 from virtual_phantom.base.settings import from_mapping
-from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.effect import load, names
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
-from virtual_phantom.proof.hiding.changed_object import AIR_HU, changed
+from virtual_phantom.proof.hiding.changed_object import changed
 from virtual_phantom.proof.hiding.faults import charge_shared, chosen, displaced_tile, faulty, refracted, warmed
 from virtual_phantom.proof.hiding.missing_effects import MISSING_EFFECTS
-from virtual_phantom.proof.hiding.objects import OBJECTS
+from virtual_phantom.proof.hiding.objects import Part, ScannedObject
+from virtual_phantom.proof.hiding.orbits import orbit_of
 from virtual_phantom.proof.hiding.suite import truths
-from virtual_phantom.proof.hiding.unsteady import breathed, jittered, swung, turned
+from virtual_phantom.proof.hiding.unsteady import breathed, jittered, settling, swung, triangle_wave, turned
+from virtual_phantom.proof.hiding.voxels import stated_hu
 from virtual_phantom.proof.hiding.xcist import Acquired, Scan
+from virtual_phantom.recordings.scan import scan_geometry
 
 VIEWS, COLUMNS, KEV = 40, 30, 70.0
+PROTOCOL = ProofScan(36, 1e5, 1000.0, 4, columns=64, rows=6)
 
 
 def order(**settings):
@@ -126,6 +129,21 @@ def test_breathing_and_swinging_are_periodic():
     assert swung(0.25, swing) == pytest.approx(2.0) and swung(0.5, swing) == pytest.approx(0, abs=1e-12)
 
 
+def test_settling_starts_fast_and_has_a_mean_of_zero():
+    time = np.arange(2000) / 2000 + 1 / 4000
+    many = np.array([settling(one) for one in time])
+    assert abs(many.mean()) < 1e-6 and settling(1.0) - settling(0.0) == pytest.approx(1.0)
+    speed = np.diff(many)
+    np.testing.assert_allclose(speed[1:] / speed[:-1], np.exp(-1 / 2000), rtol=1e-6)
+
+
+def test_fundamental_of_the_triangle_wave_has_the_stated_amplitudes():
+    turns = np.arange(720) / 720
+    wave = np.array([triangle_wave(turn, (0.3, -0.4)) for turn in turns])
+    found = [2 * (wave * np.cos(2 * np.pi * turns)).mean(), 2 * (wave * np.sin(2 * np.pi * turns)).mean()]
+    assert found == pytest.approx([0.3, -0.4], abs=1e-4) and np.abs(np.diff(wave)).std() < 1e-3
+
+
 def test_jitter_is_white_and_reproducible():
     settings = {"jitter_deg": 0.5, "jitter_seed": 7}
     many = np.array([jittered(view, settings) for view in range(400)])
@@ -137,56 +155,46 @@ def test_rotation_goes_from_x_to_y():
     np.testing.assert_allclose(turned(np.array([[1.0, 0, 0], [0, 1.0, 0]]), 90.0), [[0, 1, 0], [-1, 0, 0]], atol=1e-12)
 
 
-@pytest.fixture
-def body():
-    grid = Grid((4, 60, 80), (2.0, 2.0, 2.0))
-    _, y, x = grid.axes_mm()
-    inside = (x / 70) ** 2 + (y[:, None] / 50) ** 2 < 1
-    return Volume(np.broadcast_to(np.where(inside, 40.0, AIR_HU), grid.shape).astype(np.float32).copy(), grid)
+BODY = ScannedObject(
+    "body",
+    (
+        Part("body", (0, 0, 0), (70, 50, np.inf), hu=40.0),
+        Part("gas", (30, 0, 0), (8, 8, np.inf), material="air"),
+        Part("bone", (-30, 0, 0), (8, 8, np.inf), hu=600.0),
+    ),
+)
+GRID = Grid((4, 75, 100), (2.0, 2.0, 2.0))
 
 
-def added_mm2(found, body, hu):
-    """Additional area with `hu` in every slice."""
-    before, after = ((one.array - AIR_HU).sum(axis=(1, 2)) for one in (body, found))
-    return (after - before) / (hu - AIR_HU) * body.grid.spacing[1] * body.grid.spacing[2]
+def added_mm2(found):
+    """Additional area in every slice, where the added part has one CT number."""
+    return (stated_hu(found, GRID) - stated_hu(BODY, GRID)).sum(axis=(1, 2)) * 4 / (found.outside[0].hu + 1000)
 
 
-def test_table_is_below_the_body_and_has_its_materials(body):
-    found = changed(body, OBJECTS["abdomen"], {"table_mm": 7.0, "table_hu": -100.0})
-    width = found.grid.spacing[2] * (found.array[0] > AIR_HU).sum(axis=1)
-    _, y, _ = found.grid.axes_mm()
-    np.testing.assert_allclose(added_mm2(found, body, -100.0), 7.0 * 64 * 2, rtol=0.02)
-    assert y[width > 0].min() < -62 and abs(width[y < -63.5].max() - 128) <= 2
-    middle = slice((found.grid.shape[1] - 60) // 2, (found.grid.shape[1] + 60) // 2)
-    assert np.array_equal(found.array[:, middle], body.array)
+def test_table_is_below_the_body():
+    found = changed(BODY, {"table_mm": 7.0, "table_hu": -100.0})
+    np.testing.assert_allclose(added_mm2(found), np.pi * 3.5 * 56, rtol=0.03)
+    low, high = found.outside[0].shape.bounds_mm()
+    assert high[1] == pytest.approx(-53) and low[1] == pytest.approx(-60) and found.parts == BODY.parts
 
 
-def test_arm_is_outside_of_the_field_of_view_of_all_views(body):
-    one = OBJECTS["abdomen"]
-    found = changed(body, one, {"arm_radius_mm": 12.0, "arm_side": -1.0, "arm_height_mm": 5.0})
-    np.testing.assert_allclose(added_mm2(found, body, 40.0), np.pi * 12.0**2, rtol=0.02)
-    _, _, x = found.grid.axes_mm()
-    more = (found.array[0] > AIR_HU).any(axis=0) & (np.abs(x) > 80)
-    detector = one.detector(64, 6)
-    seen = circular(views=4, **detector).field_of_view_radius_mm
-    assert x[more].max() < -seen and x[more].min() > -seen - 40
+def test_arm_is_outside_of_the_field_of_view_of_all_views():
+    found = changed(BODY, {"arm_radius_mm": 12.0, "arm_side": -1.0, "arm_height_mm": 5.0})
+    orbit = orbit_of("flat", BODY, PROTOCOL, PROTOCOL, 0.0)
+    seen = scan_geometry(orbit.recorded(1000.0), "orbit").field_of_view_radius_mm
+    assert found.outside[0].shape.bounds_mm()[1][0] < -seen
 
 
-def test_insert_changes_the_material_only(body):
-    settings = {"insert_hu": 100.0, "insert_at": (0.1, -0.2), "insert_radius_mm": 9.0}
-    found = changed(body, OBJECTS["abdomen"], settings)
-    more = found.array - body.array
-    assert more.max() == pytest.approx(100.0) and not more[body.array <= AIR_HU].any()
-    np.testing.assert_allclose(more.sum(axis=(1, 2)) * 4 / 100, np.pi * 81, rtol=0.03)
-    _, y, x = body.grid.axes_mm()
-    row, column = (np.average(axis, weights=more[0].sum(axis=1 - place)) for place, axis in enumerate((y, x)))
-    assert (row, column) == pytest.approx((0.1 * 120, -0.2 * 160), abs=0.5)
-    gone = changed(body, OBJECTS["abdomen"], settings | {"insert_hu": -5000.0})
-    assert gone.array.min() == AIR_HU and changed(body, OBJECTS["abdomen"], {}) is body
+def test_insert_changes_one_part_that_is_not_air():
+    chosen = [changed(BODY, {"insert_hu": 100.0, "insert": share}) for share in (0.1, 0.9)]
+    assert all(one.parts[2].density == pytest.approx(1.1) and one.parts[:2] == BODY.parts[:2] for one in chosen)
+    assert changed(BODY, {"insert_hu": -5000.0, "insert": 0.1}).parts[2].density > 0 and changed(BODY, {}) is BODY
 
 
 SUITE = {
     "seed": 3,
+    "simulators": ["xcist"],
+    "declared": 0,
     "effects": ["scatter"],
     "strengths": [],
     "none": 0,

@@ -2,6 +2,7 @@
 
 import ast
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -10,40 +11,45 @@ import pytest
 import yaml
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.base.proof_settings import ProofScan, ProofSettings
+from virtual_phantom.base.proof_settings import ProofSettings
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.config.config import read_study
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.proof.hiding import seal
-from virtual_phantom.proof.hiding.catalogue import CATALOGUE, MODELS, XCIST, never_hidden
-from virtual_phantom.proof.hiding.generate import scan_section, write, write_images
-from virtual_phantom.proof.hiding.objects import OBJECTS
-from virtual_phantom.proof.hiding.suite import (
-    KERNEL,
-    KNOWN,
-    PHANTOMS,
-    cases,
-    check_tried,
-    kind_of,
-    phantom_of,
-    salt,
-    truths,
-    views_of,
+from virtual_phantom.proof.hiding.catalogue import (
+    CATALOGUE,
+    GVXR,
+    MODELS,
+    OTHER,
+    OWN,
+    SIMULATED,
+    SIMULATORS,
+    equation,
+    never_hidden,
+    simulated_by,
 )
+from virtual_phantom.proof.hiding.generate import scan_of, write, write_images
+from virtual_phantom.proof.hiding.imperfections import DECLARABLE, HU_ERROR
+from virtual_phantom.proof.hiding.objects import DISC, KINDS
+from virtual_phantom.proof.hiding.orbits import GEOMETRIES, Orbit, image_grid
+from virtual_phantom.proof.hiding.suite import KERNEL, KNOWN, World, cases, check_tried, salt, truths, worlds
 from virtual_phantom.proof.hiding.xcist import Acquired
 from virtual_phantom.recordings.reading import load_recording
 
 SETTINGS = {
     "seed": 7,
+    "simulators": ["xcist"],
+    "declared": 2,
     "strengths": ["weak", "medium", "strong"],
     "none": 8,
     "pairs": 30,
     "unknown": 8,
     "images": {"strengths": ["medium", "strong"], "effects": ["hu_calibration", "scatter", "motion"], "views_times": 4},
-    "scan": {"views": 72, "rows": 6},
-    "held_out_protocol": {"views": 60},
+    "scan": {"views": 72, "columns": 64, "rows": 6, "photons": 1e5, "rotation_time_ms": 1000, "repeats": 4},
+    "held_out_protocol": {"views": 60, "photons": 5e4, "rotation_time_ms": 500, "repeats": 4},
 }
 SETTINGS["images"]["tried"] = ["reconstruction_kernel", *SETTINGS["images"]["effects"]]
+ORBIT = Orbit(30, 1.0, 0.0, 0.0, "flat", 40, 4, 5.0, 5.0, 541.0, 949.0)
 NIFTI_HEADER = 352  # bytes before the voxels
 IMAGES = {"single": 2, "pair": 3}
 LIBRARY = Path(seal.__file__).resolve().parents[1]
@@ -67,17 +73,19 @@ def test_every_effect_on_projections_can_be_hidden_at_every_strength(suite):
 
 
 def test_every_image_has_another_kernel_and_some_another_effect(suite):
-    images = {case: t for case, t in suite.items() if kind_of(case, section(SETTINGS)) == "images"}
-    assert {t["kind"] for t in images.values()} == {"images"} and list(images) == cases(section(SETTINGS))[-5:]
+    images = {case: t for case, t in suite.items() if t["kind"] == "images"}
+    known = worlds(section(SETTINGS))
+    assert (
+        list(images) == cases(section(SETTINGS))[-5:] == [case for case, one in known.items() if one.kind == "images"]
+    )
     assert Counter(t["category"] for t in images.values()) == IMAGES
     assert {t["effects"][0]["name"] for t in images.values()} == {KERNEL}
     assert {t["effects"][1]["name"] for t in images.values() if len(t["effects"]) > 1} == {
         *SETTINGS["images"]["effects"]
     }
-    assert views_of("images", section(SETTINGS)) == (288, 240) and views_of("projections", section(SETTINGS)) == (
-        72,
-        60,
-    )
+    for case in images:
+        orbits = known[case].orbits(section(SETTINGS))
+        assert [orbit.views for orbit in orbits] == [288, 240] and all(orbit.turns == 1 for orbit in orbits)
     # The projections of a seed do not depend on images.
     without = SETTINGS | {"images": SETTINGS["images"] | {"strengths": [], "effects": []}}
     assert truths(section(without)).items() <= suite.items()
@@ -94,7 +102,6 @@ def test_order_of_cases_contains_no_information(suite):
     assert singles != sorted(singles, key=KNOWN.index)
     assert len({t["category"] for t in list(suite.values())[:20]}) > 1
     assert list(suite) == cases(section(SETTINGS))
-    assert {phantom_of(case) for case in suite} == set(PHANTOMS) == set(OBJECTS)
 
 
 def test_effects_of_pairs_are_of_different_groups(suite):
@@ -132,13 +139,13 @@ def test_unknown_effect_is_rejected():
             section(SETTINGS | {"images": SETTINGS["images"] | {"tried": [KERNEL, "hu_calibration", "motion"]}})
         )
     with pytest.raises(InputError, match=r"proof.scan.rows: 4 rows cover too few slices"):
-        cases(section(SETTINGS | {"scan": {"views": 72, "rows": 4}}))
+        cases(section(SETTINGS | {"scan": SETTINGS["scan"] | {"rows": 4}}))
 
 
 OF_ITS_OWN = ("readout", "generate", "faults", "unsteady", "changed_object")
 
 
-def test_origin_of_models():
+def test_origin_of_equations():
     """Effects of XCIST are those whose settings no callback and no readout of the blind validation reads."""
     assert sorted(name for made in MODELS.values() for name in made) == sorted(CATALOGUE)
     actual = set()
@@ -149,18 +156,77 @@ def test_origin_of_models():
             actual |= {node.value} if isinstance(node, ast.Constant) and isinstance(node.value, str) else set()
     for name, one in CATALOGUE.items():
         settings, _ = one.draw("strong", np.random.default_rng(1))
-        assert bool(actual & set(settings)) == (name not in MODELS[XCIST]), (name, settings)
+        if name == "photon_flux":  # the imperfections have a factor, too
+            continue
+        assert bool(actual & set(settings)) == (name not in MODELS[SIMULATED]), (name, settings)
+    assert len(MODELS[OWN]) == 2 and {equation(name, GVXR) for name in KNOWN} == {SIMULATED, OTHER, OWN}
+
+
+@pytest.fixture(scope="module")
+def both():
+    settings = section(SETTINGS | {"simulators": list(SIMULATORS), "none": 40, "unknown": 28})
+    return settings, truths(settings)
+
+
+def test_both_simulators_hide_what_they_have(both):
+    settings, suite = both
+    lines = [t for t in suite.values() if t["kind"] == "projections"]
+    for simulator in SIMULATORS:
+        here = [t for t in lines if t["simulator"] == simulator]
+        assert all(simulated_by(effect["name"], simulator) for t in here for effect in t["effects"])
+        count = 3 * sum(simulated_by(name, simulator) for name in KNOWN)
+        assert Counter(t["category"] for t in here)["single"] == count
+        assert {t["geometry"] for t in here} == set(GEOMETRIES) - ({"arc"} if simulator == GVXR else set())
+        assert {t["object"] for t in here} == set(KINDS)
+    for case, world in worlds(settings).items():
+        assert World.of(suite[case]) == world
+
+
+def test_objects_are_new_in_every_case_and_parts_do_not_overlap(both):
+    settings, suite = both
+    seen = set()
+    for world in list(worlds(settings).values())[:40]:
+        scanned = world.stated(settings.seed)
+        assert scanned == world.stated(settings.seed) and scanned not in seen
+        seen.add(scanned)
+        outer, *inner = scanned.parts
+        assert not (world.description == DISC and inner)
+        for number, part in enumerate(inner):
+            x, y, _ = part.centre_mm
+            assert outer.shape.level(0.0, y, x) < -part.radius_mm
+            for other in inner[:number]:
+                apart = np.hypot(x - other.centre_mm[0], y - other.centre_mm[1])
+                assert apart > part.radius_mm + other.radius_mm + 1
+
+
+def test_imperfections_are_small_and_stated_values_are_near_the_truth(both):
+    _, suite = both
+    drawn = [t["imperfections"] for t in suite.values()]
+    assert all(abs(hu) <= HU_ERROR for one in drawn for hu in one["object"].values())
+    assert all(0.1 <= abs(mm) <= 0.3 for one in drawn for mm in one["shape_mm"].values())
+    off = []
+    for truth, one in zip(suite.values(), drawn, strict=True):
+        hidden = {effect["name"] for effect in truth["effects"]}
+        assert not hidden & {*one["declared"], *one["undeclared"]} and set(one["declared"]) == set(one["stated"])
+        assert set(one["declared"]) <= set(DECLARABLE)
+        for name, values in one["declared"].items():
+            assert set(values) == {parameter.name for parameter in load(name).parameters}
+            off += [
+                (one["stated"][name][key]["value"] - true) / one["stated"][name][key]["sd"]
+                for key, true in values.items()
+                if true
+            ]
+    assert len(off) > 100 and abs(np.mean(off)) < 0.4 and 0.7 < np.std(off) < 1.3
+    assert 0.1 < np.mean([bool(one["undeclared"]) for one in drawn]) < 0.4
 
 
 def test_recordings_differ_in_readings_only(tmp_path):
     """Same keys, attributes and sizes, whatever is hidden."""
     documents, sizes = [], []
     random = np.random.default_rng(1)
-    for name, hidden in (("plain", {}), ("other", {"scatter_scale": 4.0, "kvp": 80, "aluminium_mm": 3})):
-        settings = from_mapping(ProofScan, {"columns": 40, "rows": 4})
-        scan = scan_section(OBJECTS["quality_assurance"], settings, 30, 1e5, 800.0, 70.0, hidden)
+    for name in ("plain", "other"):
         readings = random.uniform(1, 2, (2, 30, 4, 40)).astype(np.float32)
-        write(tmp_path / name, "case_01", scan, Acquired(readings, np.full((4, 40), 2, np.float32)))
+        write(tmp_path / name, "case_01", ORBIT, 800.0, Acquired(readings, np.full((4, 40), 2, np.float32)), 0.0193)
         recording = load_recording(tmp_path / name)
         assert len(recording.repeats) == 2 and recording.geometry.views == 30
         assert recording.geometry.duration_s == pytest.approx(0.8) and recording.geometry.exposure_ms == 0
@@ -175,13 +241,13 @@ def test_recordings_differ_in_readings_only(tmp_path):
 
 def test_images_contain_no_information_but_their_voxels(tmp_path):
     documents, headers = [], []
-    one, random = OBJECTS["quality_assurance"], np.random.default_rng(1)
-    detector = from_mapping(ProofScan, {"columns": 60, "rows": 6})
+    orbit, random = replace(ORBIT, views=24, columns=60, rows=6), np.random.default_rng(1)
     for name, hidden in (("plain", {}), ("other", {"kernel_pixels": 1.0, "hu_scale": 1.1, "hu_offset": 20.0})):
-        scan = scan_section(one, detector, 24, 1e5, 800.0, 70.0, hidden)
+        scan = scan_of(orbit, 1e5, 800.0, 70.0, hidden)
         readings = random.uniform(1, 2, (2, 24, 6, 60)).astype(np.float32)
         readings[0, 0, 0, 0] = 0  # zero counts have no logarithm
-        write_images(tmp_path / name, "case_01", one, scan, Acquired(readings, np.full((6, 60), 2, np.float32)), 0.0193)
+        taken = Acquired(readings, np.full((6, 60), 2, np.float32))
+        write_images(tmp_path / name, "case_01", image_grid(orbit), scan, taken, 0.0193)
         recording = load_recording(tmp_path / name)
         assert recording.kind == "images" and len(recording.repeats) == 2
         assert all(np.isfinite(image.array).all() for image in recording.repeats)

@@ -56,4 +56,3 @@ wildcard_constraints:
     recording="[A-Za-z0-9_]+",
     comparison="[A-Za-z0-9_]+",
     case="case_[0-9]+",
-    phantom="|".join(context.proof.phantoms),

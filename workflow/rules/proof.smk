@@ -3,22 +3,17 @@ proof = context.proof
 
 
 rule proof_phantom:
-    """The scanned phantom, and the phantom that the diagnosis gets, on voxels twice as large."""
-    input:
-        layout=lambda wildcards: proof.layout(wildcards.phantom),
+    """The stated object of one case, as its diagnosis gets it."""
     output:
-        image=results("proof/phantoms/{phantom}/image.nii.gz"),
-        fine=results("proof/phantoms/{phantom}/fine.nii.gz"),
-        table=results("proof/phantoms/{phantom}/rois.csv"),
-        rois=directory(results("proof/phantoms/{phantom}/rois")),
+        directory(results("proof/objects/{case}")),
     log:
-        results("logs/proof/phantom_{phantom}.log"),
+        results("logs/proof/phantom_{case}.log"),
     resources:
         mem_mb=2000,
         runtime=30,
     params:
-        scan=to_mapping(proof.settings.scan),
-        seed=context.study.seed,
+        world=lambda wildcards: to_mapping(proof.worlds[wildcards.case]),
+        settings=lambda wildcards: proof.scan_settings(wildcards.case),
         code=code("proof_phantom.py"),
     script:
         "../scripts/proof_phantom.py"
@@ -47,7 +42,6 @@ rule proof_scan:
     input:
         sealed=results("proof/sealed/{case}.json"),
         seals=rules.proof_seal.output.seals,
-        fine=lambda wildcards: proof.fine_phantom(wildcards.case),
     output:
         recording=directory(results("proof/recordings/{case}")),
         other=directory(results("proof/held_out_protocol/{case}")),
@@ -67,9 +61,9 @@ rule proof_scan:
 
 
 rule proof_diagnosis:
-    """Diagnose one case from its recording and the known phantom alone."""
+    """Diagnose one case from its recording, the stated object and the declared deviations alone."""
     input:
-        unpack(lambda wildcards: proof.known_phantom(wildcards.case)),
+        stated=rules.proof_phantom.output,
         recording=rules.proof_scan.output.recording,
     output:
         diagnosis=results("proof/diagnosis/{case}/diagnosis.json"),
@@ -85,11 +79,12 @@ rule proof_diagnosis:
         runtime=60,
     params:
         model=lambda wildcards: to_mapping(proof.model(wildcards.case)),
+        object_files=lambda wildcards: proof.object_files(wildcards.case),
         effects=lambda wildcards: proof.tried_on(wildcards.case),
         same_material=True,
         accuracy=context.study.diagnosis.model_accuracy,
-        # No relevance thresholds: the blind validation looks for each effect, however small in images.
-        matters=None,
+        # As for users: some scans have deviations that are too small to be relevant, and nobody is told of them.
+        matters=context.study.diagnosis.matters,
         code=lambda wildcards: code("diagnose.py", proof.tried_on(wildcards.case)),
     script:
         "../scripts/diagnose.py"
@@ -98,7 +93,7 @@ rule proof_diagnosis:
 rule proof_elsewhere:
     """Compare the physics found with a scan of the case by another protocol."""
     input:
-        unpack(lambda wildcards: proof.known_phantom(wildcards.case)),
+        stated=rules.proof_phantom.output,
         recording=rules.proof_scan.output.other,
         physics=rules.proof_diagnosis.output.diagnosis,
     output:
@@ -112,6 +107,7 @@ rule proof_elsewhere:
         runtime=30,
     params:
         model=lambda wildcards: to_mapping(proof.held_out_model(wildcards.case)),
+        object_files=lambda wildcards: proof.object_files(wildcards.case),
         code=lambda wildcards: code(
             "agreement_other_protocol.py", proof.tried_on(wildcards.case)
         ),

@@ -20,9 +20,9 @@ from virtual_phantom.study.job import job
 
 def main(
     *,
-    phantom_file: str,
-    image_file: str,
-    rois_file: str,
+    phantom_file: str | None,
+    image_file: str | None,
+    rois_file: str | None,
     physics_file: str,
     output: str,
     model: FitSettings,
@@ -36,17 +36,18 @@ def main(
         choice = fit_with_fixed_physics(prepared.fitter, baseline, physics, same_material=True)
     else:  # no effect was found: the baseline alone
         choice = choose(prepared.fitter, baseline, ())
-    scanned = ScannedVolume.of(request, recording, (image_file, rois_file))
+    scanned = ScannedVolume.of(request, recording, (image_file, rois_file) if phantom_file else None)
     table = compare_images(recording, prepared, choice, request, Branch.AGREEMENT_OTHER_PROTOCOL, scanned=scanned)
     write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", output)
 
 
 if "snakemake" in globals():
     with job(snakemake):
+        stated = snakemake.params.object_files
         main(
-            phantom_file=snakemake.input.phantom,
-            image_file=snakemake.input.image,
-            rois_file=snakemake.input.rois,
+            phantom_file=stated.get("phantom"),
+            image_file=stated.get("image"),
+            rois_file=stated.get("rois"),
             physics_file=snakemake.input.physics,
             output=snakemake.output[0],
             model=from_mapping(FitSettings, snakemake.params.model),

@@ -4,12 +4,17 @@ from collections.abc import Sequence
 
 from virtual_phantom.base.proof_settings import ProofSettings
 from virtual_phantom.base.settings import from_mapping
-from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.proof.hiding import seal
-from virtual_phantom.proof.hiding.generate import acquire, hidden_settings, scan_section, write, write_images
-from virtual_phantom.proof.hiding.objects import OBJECTS
-from virtual_phantom.proof.hiding.suite import PROTOCOLS, scan_seed, views_of
-from virtual_phantom.proof.hiding.xcist import energy_of_water
+from virtual_phantom.proof.hiding.generate import (
+    ENERGY_OF_WATER,
+    acquire,
+    hidden_settings,
+    scan_of,
+    write,
+    write_images,
+)
+from virtual_phantom.proof.hiding.orbits import image_grid
+from virtual_phantom.proof.hiding.suite import IMAGES, PROTOCOLS, World, scan_seed
 from virtual_phantom.study.job import job
 
 
@@ -17,26 +22,24 @@ def main(
     *,
     sealed_file: str,
     seals_file: str,
-    fine_file: str,
     folders: Sequence[str],
     case: str,
     settings: ProofSettings,
     mu_water_per_mm: float,
 ) -> None:
     truth = seal.open_seal(sealed_file, seal.read(seals_file))
-    phantom_object = OBJECTS[truth["phantom"]]
-    fine = read_nifti(fine_file)
-    kev = energy_of_water(mu_water_per_mm)
-    seeds = scan_seed(settings.seed, truth["number"]).spawn(2)
-    hidden, numbers_of_views = hidden_settings(truth), views_of(truth["kind"], settings)
-    for folder, protocol, views, seed in zip(folders, PROTOCOLS, numbers_of_views, seeds, strict=True):
+    world = World.of(truth)
+    stated, kev = world.stated(settings.seed), ENERGY_OF_WATER[world.simulator](mu_water_per_mm)
+    seeds = scan_seed(settings.seed, world.number).spawn(2)
+    hidden, errors = hidden_settings(truth), truth["imperfections"]
+    for folder, protocol, orbit, seed in zip(folders, PROTOCOLS, world.orbits(settings), seeds, strict=True):
         wanted = getattr(settings, protocol)
-        scan = scan_section(phantom_object, settings.scan, views, wanted.photons, wanted.rotation_time_ms, kev, hidden)
-        taken = acquire(scan, phantom_object, fine, mu_water_per_mm, wanted.repeats, seed)
-        if truth["kind"] == "images":
-            write_images(folder, case, phantom_object, scan, taken, mu_water_per_mm)
+        scan = scan_of(orbit, wanted.photons, wanted.rotation_time_ms, kev, hidden)
+        taken = acquire(world.simulator, scan, orbit, stated, errors, mu_water_per_mm, wanted.repeats, seed)
+        if world.kind == IMAGES:
+            write_images(folder, case, image_grid(orbit), scan, taken, mu_water_per_mm)
         else:
-            write(folder, case, scan, taken)
+            write(folder, case, orbit, wanted.rotation_time_ms, taken, mu_water_per_mm)
 
 
 if "snakemake" in globals():
@@ -44,7 +47,6 @@ if "snakemake" in globals():
         main(
             sealed_file=snakemake.input.sealed,
             seals_file=snakemake.input.seals,
-            fine_file=snakemake.input.fine,
             folders=snakemake.output,
             case=snakemake.wildcards.case,
             settings=from_mapping(ProofSettings, snakemake.params.settings),

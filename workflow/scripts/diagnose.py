@@ -65,13 +65,14 @@ def main(
 
 if "snakemake" in globals():
     with job(snakemake):
+        stated = snakemake.params.get("object_files", {})  # of a case of the blind validation
         main(
             output=snakemake.output,
             setup_file=snakemake.output.get("setup"),
             recording_files=snakemake.input.get("files", []),
-            phantom_file=snakemake.input.get("phantom"),
-            image_file=snakemake.input.get("image"),
-            rois_file=snakemake.input.get("rois"),
+            phantom_file=snakemake.input.get("phantom", stated.get("phantom")),
+            image_file=snakemake.input.get("image", stated.get("image")),
+            rois_file=snakemake.input.get("rois", stated.get("rois")),
             object_files=list(filter(None, map(snakemake.input.get, ("phantom", *OBJECT_INPUTS)))),
             declared_file=snakemake.input.get("declared"),
             physics_file=snakemake.input.get("physics"),

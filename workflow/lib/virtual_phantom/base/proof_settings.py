@@ -43,9 +43,17 @@ class ProofScan(ProofProtocol):
 
 @dataclass(frozen=True)
 class ProofSettings:
-    """Section `proof`; `none`, `pairs` and `unknown` are numbers of cases."""
+    """Section `proof`; `none`, `pairs` and `unknown` are numbers of cases.
+
+    Attributes
+    ----------
+    declared : int
+        Most deviations of a case that the diagnosis is told.
+    """
 
     seed: int
+    simulators: tuple[str, ...]
+    declared: int
     strengths: tuple[str, ...]
     none: int
     pairs: int

@@ -4,26 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from ..base.errors import InputError
+from ..base.geometry import ImageProtocol
 from ..base.proof_settings import ProofProtocol, ProofSettings
-from ..base.settings import to_mapping
-from ..config.dependencies import resource
+from ..base.settings import FbpSettings, GridSettings, MaterialSettings, ScanSettings, from_mapping, to_mapping
 from ..config.outputs import Files
 from ..config.plan import Plan
 from ..diagnosis.candidate_effects import candidates
-from ..diagnosis.settings import FitSettings, RecordingSettings
-from ..proof.hiding.objects import OBJECTS
+from ..diagnosis.settings import Disc, FitSettings, LabelledObject, RecordingSettings, ShapesObject
+from ..io.schema import defaults_of
+from ..proof.hiding.materials import DENSE, DENSE_FROM_HU, SOFT
+from ..proof.hiding.objects import DISC, HU, LABELS
+from ..proof.hiding.orbits import HELIX, Orbit, image_grid
 from ..proof.hiding.suite import (
-    PHANTOMS,
+    IMAGES,
+    PROJECTIONS,
     PROTOCOLS,
-    cases,
+    World,
     check_recordings,
+    check_simulators,
     check_tried,
-    kind_of,
-    phantom_of,
-    views_of,
+    truths,
+    worlds,
 )
+from ..recordings.scan import DETECTOR
+
+DISC_SIZE_SD = 0.01  # relative, as in the example of docs/how-to/diagnosis.md
 
 
 @dataclass(frozen=True)
@@ -32,16 +40,13 @@ class Proof:
 
     Attributes
     ----------
-    cases : tuple of str
-        Names of the cases.
-    tried : mapping of str to list of str
-        {kind of recording: candidate effects}.
+    worlds : mapping of str to World
+        By name of the case.
     """
 
     plan: Plan
     files: Files
-    cases: tuple[str, ...]
-    tried: Mapping[str, list[str]]
+    worlds: Mapping[str, World]
 
     @classmethod
     def read(cls, plan: Plan, files: Files) -> Proof:
@@ -53,15 +58,17 @@ class Proof:
             If the settings do not give a set of cases.
         """
         settings = plan.study.proof
-        named = tuple(cases(settings))
+        found = cls(plan, files, worlds(settings))
+        check_simulators(settings.simulators)
         check_tried(settings)
         check_recordings(settings.recordings, plan.study.diagnosis.recordings)
-        stated = _diagnosed(settings.scan)
-        try:
-            of_images = candidates(replace(stated, effects=settings.images.tried), "images")
-        except InputError as error:
-            raise InputError(str(error).replace("diagnosis.effects", "proof.images.tried")) from None
-        return cls(plan, files, named, {"projections": candidates(stated), "images": of_images})
+        found._candidates(IMAGES)
+        return found
+
+    @property
+    def cases(self) -> tuple[str, ...]:
+        """Names of the cases."""
+        return tuple(self.worlds)
 
     @property
     def settings(self) -> ProofSettings:
@@ -73,7 +80,8 @@ class Proof:
         """Settings that determine the hidden effects."""
         settings = to_mapping(self.settings)
         return {
-            **_parts(settings, "seed", "effects", "strengths", "none", "pairs", "unknown", "unknown_kinds"),
+            **_parts(settings, "seed", "simulators", "declared", "effects", "strengths", "none", "pairs", "unknown"),
+            **_parts(settings, "unknown_kinds"),
             "images": _parts(settings["images"], "strengths", "effects"),
             "scan": _parts(settings["scan"], "rows"),
         }
@@ -83,7 +91,7 @@ class Proof:
         settings = to_mapping(self.settings)
         shared = _parts(settings, "seed", "scan", "held_out_protocol")
         of_images = {"images": _parts(settings["images"], "views_times")}
-        return shared | (of_images if self._kind(case) == "images" else {})
+        return shared | (of_images if self.worlds[case].kind == IMAGES else {})
 
     def all(self, name: str) -> list[str]:
         """Return the paths of an output of all cases."""
@@ -98,33 +106,17 @@ class Proof:
         """Return the paths of an output of the diagnoses of all real recordings in the report."""
         return [self.files(name, recording=recording) for recording in self.settings.recordings]
 
-    @property
-    def phantoms(self) -> tuple[str, ...]:
-        """Names of the scanned phantoms, which the cases use in turn."""
-        return PHANTOMS
-
-    def layout(self, phantom: str) -> str:
-        """Return the layout file of a phantom."""
-        return resource(OBJECTS[phantom].layout)
-
-    def fine_phantom(self, case: str) -> str:
-        """Return the fine phantom that a case scans."""
-        return self.files("proof_fine", phantom=phantom_of(case))
-
-    def known_phantom(self, case: str) -> dict[str, str]:
-        """Return the description of the phantom of a case for its diagnosis."""
-        phantom = phantom_of(case)
-        image = self.files("proof_image", phantom=phantom)
-        return {
-            "phantom": image,
-            "image": image,
-            "rois": self.files("proof_table", phantom=phantom),
-            "masks": self.files("proof_rois", phantom=phantom),
-        }
+    def object_files(self, case: str) -> dict[str, str]:
+        """Return the files of a case that describe its object to the diagnosis, except those of its settings."""
+        if self.worlds[case].description != HU:
+            return {}
+        names = {"phantom": "image.nii.gz", "image": "image.nii.gz", "rois": "rois.csv"}
+        return {key: f"{self.files('proof_object', case=case)}/{name}" for key, name in names.items()}
 
     def tried_on(self, case: str) -> list[str]:
         """Return the candidate effects of a case."""
-        return self.tried[self._kind(case)]
+        world = self.worlds[case]
+        return self._candidates(world.kind, self._settings(case, "scan").baseline, world.geometry == HELIX)
 
     def model(self, case: str) -> FitSettings:
         """Return the settings that the fits of a case depend on."""
@@ -134,29 +126,63 @@ class Proof:
         """Return the settings that the fits of a case's scan with the held-out protocol depend on."""
         return self._model(self.files("proof_held_out", case=case), case, "held_out_protocol")
 
+    @cached_property
+    def _stated(self) -> dict[str, dict]:
+        """{case: declared deviations}, the only part of the truths that the diagnosis gets."""
+        return {case: truth["imperfections"]["stated"] for case, truth in truths(self.settings).items()}
+
+    def _candidates(self, kind: str, baseline: Mapping | None = None, helical: bool = False) -> list[str]:
+        settings = _diagnosed(self.settings.scan, baseline=baseline or {})
+        if kind == PROJECTIONS:
+            return candidates(settings, helical=helical)
+        try:
+            return candidates(replace(settings, effects=self.settings.images.tried), IMAGES)
+        except InputError as error:
+            raise InputError(str(error).replace("diagnosis.effects", "proof.images.tried")) from None
+
+    def _settings(self, case: str, protocol: str) -> RecordingSettings:
+        world, folder = self.worlds[case], self.files("proof_object", case=case)
+        described: dict = {}
+        if world.description == DISC:
+            outer = world.stated(self.settings.seed).parts[0]
+            described = {"disc": Disc(2 * outer.radius_mm, outer.material)}
+        elif world.description == LABELS:
+            materials = world.stated(self.settings.seed).label_materials
+            described = {"object": LabelledObject(f"{folder}/labels.nii.gz", materials)}
+        elif world.description != HU:
+            described = {"object": ShapesObject(f"{folder}/object.yaml")}
+        return _diagnosed(getattr(self.settings, protocol), baseline=self._stated[case], **described)
+
     def _model(self, folder: str, case: str, protocol: str) -> FitSettings:
-        study, settings, kind = self.plan.study, self.settings, self._kind(case)
-        phantom, taken, simulated = OBJECTS[phantom_of(case)], getattr(settings, protocol), None
-        if kind == "images":
-            views = dict(zip(PROTOCOLS, views_of(kind, settings), strict=True))[protocol]
-            detector = settings.scan.columns, settings.scan.rows
-            simulated = phantom.protocol(*detector, views, taken.rotation_time_ms, "cpu")
+        study, world, simulated = self.plan.study, self.worlds[case], None
+        if world.kind == IMAGES:
+            orbit = dict(zip(PROTOCOLS, world.orbits(self.settings), strict=True))[protocol]
+            simulated = image_protocol(orbit, getattr(self.settings, protocol).rotation_time_ms)
         return FitSettings(
             folder=folder,
-            settings=_diagnosed(taken),
+            settings=self._settings(case, protocol),
             mu_water_per_mm=study.mu_water_per_mm,
-            materials=phantom.stated,
+            materials=MaterialSettings(SOFT, DENSE, DENSE_FROM_HU),
             seed=study.seed,
             protocol=simulated,
         )
 
-    def _kind(self, case: str) -> str:
-        return kind_of(case, self.settings)
+
+def image_protocol(orbit: Orbit, rotation_ms: float) -> ImageProtocol:
+    """Return the settings that the diagnosis of images knows: the scan, and another reconstruction than the hidden."""
+    detector = {name: getattr(orbit, name) for name in DETECTOR}
+    circle = {"trajectory": "circular", "turns": 1.0, "rotation_time_ms": rotation_ms}
+    scan = from_mapping(ScanSettings, defaults_of("scan") | circle | detector)
+    grid = from_mapping(GridSettings, {**vars(image_grid(orbit)), "oversampling": 1})
+    settings = FbpSettings(normalise="coverage")
+    return ImageProtocol(scan, grid, projections=orbit.views, algorithm="fbp", settings=settings, engine="cpu")
 
 
-def _diagnosed(taken: ProofProtocol) -> RecordingSettings:
-    """Return the settings of the diagnosis of a scan."""
-    return RecordingSettings(samples=2, view_step=1, alignment={}, nominal_photons=taken.photons)
+def _diagnosed(taken: ProofProtocol, **described) -> RecordingSettings:
+    """Return the settings of the diagnosis of a scan. Rays and views are those of a user who states none."""
+    # Without `size`, the diameter of a disc is exact.
+    alignment = {"size": DISC_SIZE_SD} if "disc" in described else {}
+    return RecordingSettings(None, None, alignment, nominal_photons=taken.photons, **described)
 
 
 def _parts(section: Mapping, *keys: str) -> dict:

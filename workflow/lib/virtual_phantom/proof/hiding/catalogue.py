@@ -9,12 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from ...physics.effect import names
-from .hidden_effect import IMAGE, MEAN, NOISE, STRENGTHS, HiddenEffect, sign
+from .hidden_effect import IMAGE, MEAN, NOISE, READOUT_KEV, STRENGTHS, HiddenEffect, sign  # noqa: F401
 from .missing_effects import MISSING_EFFECTS
-from .objects import READOUT_KEV
 
-__all__ = ["CATALOGUE", "IMAGE", "MODELS", "STRENGTHS", "XCIST", "HiddenEffect", "never_hidden"]
-
+XCIST, GVXR = SIMULATORS = ("xcist", "gvirtualxray")
 COLLIMATOR_MM = 200.0  # distance from the focal spot, as the diagnosis assumes
 AT_PHOTONS = 1e5  # per pixel in air, at which a saturation loses its share
 
@@ -29,24 +27,22 @@ def _same(setting: str, parameter: str | None = None, signed: bool = False):
     return make
 
 
-def _velocity(setting: str, parameters: tuple[str, ...], weights: tuple[float, ...] = (1.0, 1.0, 1.0)):
-    """Return a function that makes a velocity in a random direction, whose components have these weights."""
+def _velocity(setting: str, weights: tuple[float, ...] = (1.0, 1.0, 1.0)):
+    """Return a function that makes a mean velocity in a random direction, whose components have these weights."""
 
     def make(size, random):
         direction = random.normal(size=3) * weights
-        velocity = (size * direction / np.linalg.norm(direction)).tolist()
-        return {setting: tuple(velocity)}, dict(zip(parameters, velocity, strict=True))
+        return {setting: tuple((size * direction / np.linalg.norm(direction)).tolist())}, {}
 
     return make
 
 
-def _wave(setting: str, cosine: str, sine: str):
+def _wave(setting: str):
     """Return a function that makes the amplitudes of a cosine and a sine, with a random phase."""
 
     def make(size, random):
         phase = float(random.uniform(0, 2 * np.pi))
-        amplitudes = size * np.cos(phase), size * np.sin(phase)
-        return {setting: amplitudes}, dict(zip((cosine, sine), amplitudes, strict=True))
+        return {setting: (float(size * np.cos(phase)), float(size * np.sin(phase)))}, {}
 
     return make
 
@@ -76,8 +72,7 @@ def _bowtie(size, random):
 
 def _heel(size, random):
     depth_mm = size * sign(random)
-    # In the library, the anode angle gives the side of the anode. A positive depth in the simulator is the other side.
-    return {"heel_depth_mm": depth_mm}, {"depth_um": -1000 * depth_mm}
+    return {"heel_depth_mm": depth_mm}, {}  # the mean of several depths, which the library lacks
 
 
 def _afterglow(size, random):
@@ -98,7 +93,7 @@ def _glare(size, random):
 def _dark(size, random):
     drift = size * float(random.uniform(-0.5, 0.5))
     settings = {"dark_photons": size, "dark_photons_per_s": drift}
-    return settings, {"level_units": size * READOUT_KEV, "drift_units_per_s": drift * READOUT_KEV}
+    return settings, {"level_units": size * READOUT_KEV}  # the mean of all pixels
 
 
 def _hu(size, random):
@@ -147,9 +142,7 @@ CATALOGUE: dict[str, HiddenEffect] = {
     "photon_flux": HiddenEffect(
         ((0.85, 0.9), (0.65, 0.75), (0.35, 0.5)), _same("flux_factor", "factor"), (*NOISE, "alignment"), "noise"
     ),
-    "current_modulation": HiddenEffect(
-        ((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _wave("modulation", "cosine", "sine"), NOISE
-    ),
+    "current_modulation": HiddenEffect(((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _wave("modulation"), NOISE),
     "bowtie": HiddenEffect(((0.05, 0.1), (0.2, 0.4), (0.7, 1.0)), _bowtie, (*NOISE, "white field")),
     "heel": HiddenEffect(((1e-3, 2e-3), (4e-3, 7e-3), (0.012, 0.02)), _heel, (*NOISE, "white field")),
     "gain_pattern": HiddenEffect(
@@ -164,7 +157,7 @@ CATALOGUE: dict[str, HiddenEffect] = {
     "source_distance": HiddenEffect(((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")),
     "motion": HiddenEffect(
         ((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)),
-        _velocity("velocity_mm_per_s", ("x_mm_per_s", "y_mm_per_s", "z_mm_per_s"), (1.0, 1.0, 0.5)),
+        _velocity("velocity_mm_per_s", (1.0, 1.0, 0.5)),
         MEAN,
         "drift",
     ),
@@ -191,30 +184,55 @@ CATALOGUE: dict[str, HiddenEffect] = {
     ),
     "source_drift": HiddenEffect(
         ((0.1, 0.2), (0.5, 1.0), (2.0, 4.0)),
-        _velocity("source_mm_per_s", ("columns_mm_per_s", "rows_mm_per_s", "away_mm_per_s")),
+        _velocity("source_mm_per_s"),
         MEAN,
         "drift",
     ),
-    "view_angle_error": HiddenEffect(
-        ((0.02, 0.04), (0.1, 0.2), (0.4, 0.8)), _wave("angle_wave_deg", "cosine_deg", "sine_deg"), MEAN
-    ),
+    "view_angle_error": HiddenEffect(((0.02, 0.04), (0.1, 0.2), (0.4, 0.8)), _wave("angle_wave_deg"), MEAN),
 } | MISSING_EFFECTS
 
-# Source of the equation that makes the recordings. The names are keys in score.json.
-XCIST = "XCIST's own"
-OTHER = "an equation of the proof's own, which is not the library's"
-REPEATED = "the library's equation, written again"
-MODELS: dict[str, list[str]] = {
+# Origin of the equation that makes the recordings: the simulator itself, this package with another equation than the
+# library's, or this package with the library's equation.
+SIMULATED, OTHER, OWN = EQUATIONS = ("simulator", "other", "own")
+OF_GEOMETRY = (
+    "focal_spot",
+    "source_distance",
+    "view_blur",
+    "focal_spot_wobble",
+    "detector_offset",
+    "detector_row_offset",
+)
+OF_SIMULATOR = {
     XCIST: (
-        "spectrum scatter focal_spot xray_crosstalk optical_crosstalk afterglow electronic_noise photon_flux bowtie "
-        "source_distance view_blur focal_spot_wobble k_edge_filter"
-    ).split(),
-    OTHER: ["veiling_glare", "off_focal_radiation", "detector_saturation"]
-    + [name for name in MISSING_EFFECTS if name != "k_edge_filter"],
-    REPEATED: (
-        "dark_signal current_modulation heel gain_pattern centre_of_rotation detector_offset motion "
-        "detector_row_offset source_drift view_angle_error reconstruction_kernel hu_calibration"
-    ).split(),
+        *OF_GEOMETRY,
+        *("spectrum", "scatter", "xray_crosstalk", "optical_crosstalk", "afterglow", "electronic_noise", "photon_flux"),
+        *("bowtie", "k_edge_filter"),
+    ),
+    GVXR: (*OF_GEOMETRY, "spectrum"),
+}
+# A displaced axis and a linear scale have one equation only, and so have Gaussian noise and the number of photons.
+OWN_EQUATION = {
+    XCIST: ("centre_of_rotation", "hu_calibration"),
+    GVXR: ("centre_of_rotation", "hu_calibration", "electronic_noise", "photon_flux"),
+}
+NOT_SIMULATED = {XCIST: (), GVXR: ("bowtie", "off_focal_radiation", "k_edge_filter")}
+
+
+def equation(name: str, simulator: str) -> str:
+    """Return the origin of the equation of an effect, one of EQUATIONS."""
+    if name in OF_SIMULATOR[simulator]:
+        return SIMULATED
+    return OWN if name in OWN_EQUATION[simulator] else OTHER
+
+
+def simulated_by(name: str, simulator: str) -> bool:
+    """Return whether a simulator can hide an effect."""
+    return name not in NOT_SIMULATED[simulator]
+
+
+# Effects by the origin of their equation in scans by XCIST.
+MODELS: dict[str, list[str]] = {
+    origin: [name for name in CATALOGUE if equation(name, XCIST) == origin] for origin in EQUATIONS
 }
 
 

@@ -68,8 +68,7 @@ def _arm(size, random):
 
 
 def _insert(size, random):
-    position, hu = random.uniform(-0.35, 0.35, 2).tolist(), size * sign(random)
-    return {"insert_hu": hu, "insert_at": position, "insert_radius_mm": float(random.uniform(8, 15))}
+    return {"insert_hu": size * sign(random), "insert": float(random.uniform(0, 1))}
 
 
 def _kind(strengths, make, where, right=LEFT, equals=()):

@@ -7,14 +7,17 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.signal import fftconvolve
 
-from .objects import READOUT_KEV
+from .hidden_effect import READOUT_KEV
+from .unsteady import settling
 from .xcist import Acquired
 
+DARK_SPREAD = 0.2  # relative standard deviation of the dark current of pixels
+MODULE_COLUMNS = 16  # of a detector module, whose amplifiers have a common gain error
 GLARE_REACH = 4.0  # radius of the kernel, in units of the range
 
 
 def read_out(
-    taken: Acquired, settings: Mapping, pitch_mm: tuple[float, float], rotation_s: float, random: np.random.Generator
+    taken: Acquired, settings: Mapping, pitch_mm: tuple[float, float], duration_s: float, random: np.random.Generator
 ) -> Acquired:
     """Return the readings with the hidden effects of the readout.
 
@@ -24,10 +27,10 @@ def read_out(
         Hidden settings, as Scan.settings.
     pitch_mm : tuple of 2 float
         Pitch of columns and rows, mm.
-    rotation_s : float
-        Rotation time, s.
+    duration_s : float
+        Duration of the scan, s.
     random : numpy.random.Generator
-        Draws the gains of the pixels.
+        Draws the gains and dark currents of the pixels.
     """
     readings, air = taken.readings, taken.air
     # The readout sees the modulated current; the monitor corrects it afterwards.
@@ -43,14 +46,25 @@ def read_out(
         most = float(air.max())
         readings, air = (most * np.sign(signal) * np.abs(signal / most) ** power for signal in (readings, air))
     if rms := settings.get("gain_rms", 0.0):
-        readings = readings * np.exp(random.normal(0, rms, air.shape))
+        readings = readings * gains(rms, air.shape, random)
     level, drift = (settings.get(key, 0.0) * READOUT_KEV for key in ("dark_photons", "dark_photons_per_s"))
     if level or drift:
-        views = readings.shape[1]
-        time = (np.arange(views) + 0.5 - views / 2) * rotation_s / views
-        readings = readings + level + drift * time[:, None, None]
-        air = air + level
+        views, pixels = readings.shape[1], 1 + DARK_SPREAD * random.uniform(-np.sqrt(3), np.sqrt(3), air.shape)
+        # The detector warms up exponentially.
+        warming = drift * duration_s * np.array([settling((view + 0.5) / views) for view in range(views)])
+        readings = readings + (level + warming[:, None, None]) * pixels
+        air = air + level * pixels
     return Acquired((readings / current).astype(np.float32), air.astype(np.float32))
+
+
+def gains(rms: float, shape: tuple[int, int], random: np.random.Generator) -> np.ndarray:
+    """Return the gains of pixels, (rows, columns): half of the variance is common to the columns of a module.
+
+    Errors of pixels are uniformly distributed.
+    """
+    modules = random.normal(0, 1, -(-shape[1] // MODULE_COLUMNS)).repeat(MODULE_COLUMNS)[: shape[1]]
+    pixels = random.uniform(-np.sqrt(3), np.sqrt(3), shape)
+    return 1 + rms * np.sqrt(0.5) * (modules + pixels)
 
 
 def glare(range_mm: float, pitch_mm: tuple[float, float]) -> np.ndarray:

@@ -1,55 +1,102 @@
-"""Cases of a suite and the effects hidden in each, drawn from the seed of the suite alone."""
+"""Cases of a suite, their worlds and the effects hidden in each, drawn from the seed of the suite alone."""
 
 from __future__ import annotations
 
+import importlib.util
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from ...base.errors import InputError
 from ...base.proof_settings import ProofSettings
 from ...base.streams import Stream, branch, generator
-from .catalogue import CATALOGUE, IMAGE, STRENGTHS
+from . import imperfections
+from .catalogue import CATALOGUE, GVXR, IMAGE, STRENGTHS, XCIST, equation, simulated_by
 from .missing_effects import MISSING_EFFECTS
-from .objects import OBJECTS
+from .objects import BODY, DESCRIPTIONS, DISC, KINDS, ScannedObject, drawn_object
+from .orbits import ARC, FULL, GEOMETRIES, Orbit, orbit_of
 
-PHANTOMS = tuple(OBJECTS)
 KERNEL = "reconstruction_kernel"
 LEAST_ROWS = 6  # needed for the slices of an image
 PROTOCOLS = ("scan", "held_out_protocol")  # sections of the configuration
-TRUTH, SALT, SCAN = range(3)  # branches of a case's seed
+PROJECTIONS, IMAGES = "projections", "images"
+TRUTH, SALT, SCAN, OBJECT, WORLD = range(5)  # branches of a case's seed
 KNOWN = tuple(name for name, effect in CATALOGUE.items() if effect.known and not effect.of_images)
 UNKNOWN = tuple(MISSING_EFFECTS)
+# Geometries of each simulator. The detector of gVirtualXray is flat.
+ORBITS = {XCIST: GEOMETRIES, GVXR: tuple(name for name in GEOMETRIES if name != ARC)}
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What a case hides, before it is drawn: None for what is drawn later."""
+
+    category: str
+    strength: str | None
+    effect: str | None
+    simulator: str
+
+
+@dataclass(frozen=True)
+class World:
+    """What everybody may know of a case: simulator, object, geometry, and the description of the object."""
+
+    number: int
+    kind: str
+    simulator: str
+    object: str
+    geometry: str
+    description: str
+
+    @classmethod
+    def of(cls, truth: Mapping) -> World:
+        """Return the world of a truth."""
+        return cls(**{field.name: truth[field.name] for field in fields(cls)})
+
+    def stated(self, seed: int) -> ScannedObject:
+        """Return the stated object."""
+        random = generator(branch(seed, 1, self.number, OBJECT))
+        return drawn_object(self.object, self.description == DISC, random)
+
+    def orbits(self, settings: ProofSettings) -> list[Orbit]:
+        """Return the orbits of the two protocols."""
+        stated, found = self.stated(settings.seed), []
+        times = settings.images.views_times if self.kind == IMAGES else 1
+        random = generator(branch(settings.seed, 1, self.number, OBJECT, 1))
+        for protocol in PROTOCOLS:
+            start = 0.0 if self.kind == IMAGES else float(random.uniform(0, 360))
+            taken = getattr(settings, protocol)
+            taken = replace(taken, views=taken.views * times)
+            found.append(orbit_of(self.geometry, stated, settings.scan, taken, start))
+        return found
 
 
 def cases(settings: ProofSettings) -> list[str]:
     """List the names of all cases. A name does not reveal the hidden effects."""
     count = len(_plan(settings)) + len(_plan_of_images(settings))
-    return [f"case_{number:02d}" for number in range(1, 1 + count)]
+    digits = max(2, len(str(count)))
+    return [f"case_{number:0{digits}d}" for number in range(1, 1 + count)]
 
 
-def kind_of(case: str, settings: ProofSettings) -> str:
-    """Return the kind of the recording, which is no secret: images follow after all projections."""
-    return "projections" if _number(case) <= len(_plan(settings)) else "images"
+def worlds(settings: ProofSettings) -> dict[str, World]:
+    """Return {case: world}. Images follow after all projections."""
+    return {
+        case: _world(number, kind, planned)
+        for number, (case, (kind, planned)) in enumerate(zip(cases(settings), _ordered(settings), strict=True))
+    }
 
 
-def phantom_of(case: str) -> str:
-    """Return the phantom of a case, which is no secret: it follows from the case's number."""
-    return PHANTOMS[_number(case) % len(PHANTOMS)]
-
-
-def views_of(kind: str, settings: ProofSettings) -> tuple[int, int]:
-    """Return the number of views for each of PROTOCOLS.
-
-    Images have more views: with few views, streaks dominate, which differ between reconstructions.
-    """
-    times = settings.images.views_times if kind == "images" else 1
-    return tuple(getattr(settings, protocol).views * times for protocol in PROTOCOLS)
-
-
-def _number(case: str) -> int:
-    return int(case.rpartition("_")[2])
+def _world(number: int, kind: str, planned: Planned) -> World:
+    """Return the world of a case; the order of the cases is random, so that it does not depend on what is hidden."""
+    if kind == IMAGES:
+        return World(number, kind, planned.simulator, BODY, FULL, DESCRIPTIONS[BODY][0])
+    shown = KINDS[number % len(KINDS)]
+    geometries, descriptions = ORBITS[planned.simulator], DESCRIPTIONS[shown]
+    geometry = geometries[number // len(KINDS) % len(geometries)]
+    description = descriptions[number // (len(KINDS) * len(geometries)) % len(descriptions)]
+    return World(number, kind, planned.simulator, shown, geometry, description)
 
 
 def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
@@ -66,6 +113,15 @@ def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
         if name not in diagnosed:
             known = ", ".join(diagnosed) or "none"
             raise InputError(f"proof.recordings: '{name}' is not under diagnosis.recordings ({known}); add it there")
+
+
+def check_simulators(simulators: Collection[str]) -> None:
+    """Raise an InputError if a simulator is not installed."""
+    if GVXR in simulators and importlib.util.find_spec("gvxrPython3") is None:
+        raise InputError(
+            "proof.simulators: gvirtualxray needs the package gvxr, which is missing; run `make setup-proof` "
+            "(Debian packages: environment-proof.txt), or use [xcist]"
+        )
 
 
 def check_tried(settings: ProofSettings) -> None:
@@ -85,14 +141,20 @@ def check_tried(settings: ProofSettings) -> None:
 
 def truths(settings: ProofSettings) -> dict[str, dict]:
     """Return {case: truth}, as for seal.sealed, from the section `proof` of the configuration."""
-    plan = []
-    for purpose, part in ((0, _plan(settings)), (2, _plan_of_images(settings))):
-        order = generator(branch(settings.seed, purpose)).permutation(len(part))
-        plan += [part[index] for index in order]
+    known = worlds(settings)
     return {
-        case: _truth(case, kind_of(case, settings), *plan[number], settings.seed, number)
-        for number, case in enumerate(cases(settings))
+        case: _truth(case, known[case], planned, settings)
+        for case, (_, planned) in zip(known, _ordered(settings), strict=True)
     }
+
+
+def _ordered(settings: ProofSettings) -> list[tuple[str, Planned]]:
+    """Return kind and plan of all cases, in an order drawn from the seed."""
+    plan = []
+    for kind, purpose, part in ((PROJECTIONS, 0, _plan(settings)), (IMAGES, 2, _plan_of_images(settings))):
+        order = generator(branch(settings.seed, purpose)).permutation(len(part))
+        plan += [(kind, part[index]) for index in order]
+    return plan
 
 
 def salt(seed: int, number: int) -> str:
@@ -106,26 +168,32 @@ def scan_seed(seed: int, number: int) -> Stream:
     return branch(seed, 1, number, SCAN)
 
 
-def _plan(settings: ProofSettings) -> list[tuple[str, str | None, str | None]]:
-    """Category, strength and effect of each case of projections; the effects of pairs are drawn later.
+def _plan(settings: ProofSettings) -> list[Planned]:
+    """Plan the cases of projections.
 
     Raises
     ------
     InputError
         For effects that cannot be hidden.
     """
-    effects = settings.effects or list(KNOWN)
+    effects, simulators = settings.effects or list(KNOWN), settings.simulators
     for name in effects:
         if name not in KNOWN:
             raise InputError(f"proof.effects: '{name}' cannot be hidden; use some of {', '.join(KNOWN)}")
-    plan = [("single", strength, name) for name in effects for strength in settings.strengths]
-    plan += [("none", None, None)] * settings.none
-    plan += [("pair", None, None)] * settings.pairs
-    return plan + [("unknown", None, name) for name in _unknown(settings)]
+    plan = [
+        Planned("single", strength, name, simulator)
+        for simulator in simulators
+        for name in effects
+        if simulated_by(name, simulator)
+        for strength in settings.strengths
+    ]
+    for category, count in (("none", settings.none), ("pair", settings.pairs)):
+        plan += [Planned(category, None, None, simulators[number % len(simulators)]) for number in range(count)]
+    return plan + _unknown(settings)
 
 
-def _unknown(settings: ProofSettings) -> list[str]:
-    """Return the unknown effect of each case: all equally often, in an order drawn from the seed.
+def _unknown(settings: ProofSettings) -> list[Planned]:
+    """Plan the cases with an unknown effect: all equally often, in an order drawn from the seed.
 
     Raises
     ------
@@ -137,11 +205,17 @@ def _unknown(settings: ProofSettings) -> list[str]:
         if name not in UNKNOWN:
             raise InputError(f"proof.unknown_kinds: there is no '{name}'; use some of {', '.join(UNKNOWN)}")
     order = generator(branch(settings.seed, 3)).permutation(len(kinds))
-    return [kinds[order[number % len(kinds)]] for number in range(settings.unknown)]
+    plan = []
+    for number in range(settings.unknown):
+        name = kinds[order[number % len(kinds)]]
+        # Each round of all kinds begins with the next simulator.
+        wanted = settings.simulators[(number + number // len(kinds)) % len(settings.simulators)]
+        plan.append(Planned("unknown", None, name, wanted if simulated_by(name, wanted) else XCIST))
+    return plan
 
 
-def _plan_of_images(settings: ProofSettings) -> list[tuple[str, str | None, str | None]]:
-    """As _plan, for images.
+def _plan_of_images(settings: ProofSettings) -> list[Planned]:
+    """As _plan, for images, which XCIST makes.
 
     The simulated reconstruction has another kernel than the library's. Each case therefore hides a kernel, and a pair
     is a kernel and an effect.
@@ -163,28 +237,30 @@ def _plan_of_images(settings: ProofSettings) -> list[tuple[str, str | None, str 
             raise InputError(
                 f"proof.images.effects: '{name}' cannot be hidden together with a kernel; use some of {names}"
             )
-    plan = [("single", strength, KERNEL) for strength in wanted.strengths]
-    return plan + [("pair", None, name) for name in wanted.effects]
+    plan = [Planned("single", strength, KERNEL, XCIST) for strength in wanted.strengths]
+    return plan + [Planned("pair", None, name, XCIST) for name in wanted.effects]
 
 
-def _truth(case, kind, category, strength, effect, seed, number) -> dict:
-    random = generator(branch(seed, 1, number, TRUTH))
-    names = [] if effect is None else [effect]
+def _truth(case: str, world: World, planned: Planned, settings: ProofSettings) -> dict:
+    seed, category, kind = settings.seed, planned.category, world.kind
+    random = generator(branch(seed, 1, world.number, TRUTH))
+    names = [] if planned.effect is None else [planned.effect]
     if category == "pair":
-        names = _pair(random) if effect is None else [KERNEL, effect]
+        names = _pair(random, world.simulator) if planned.effect is None else [KERNEL, planned.effect]
     drawn = []
     for name in names:
         # Pairs and unknown effects are not weak, since undetectable effects cannot be distinguished. The kernel of a
         # pair on images is weak: it is as close to the assumed kernel as the simulated reconstruction can be.
-        weak_kernel = kind == "images" and name == KERNEL
-        size = strength or ("weak" if weak_kernel else str(random.choice(STRENGTHS[1:])))
+        weak_kernel = kind == IMAGES and name == KERNEL
+        size = planned.strength or ("weak" if weak_kernel else str(random.choice(STRENGTHS[1:])))
         made, comparable = CATALOGUE[name].draw(size, random)
-        if kind == "images":  # images have no readout units
+        if kind == IMAGES:  # images have no readout units
             comparable = {key: value for key, value in comparable.items() if "_units" not in key}
         drawn.append(
             {
                 "name": name,
                 "known": CATALOGUE[name].known,
+                "equation": equation(name, world.simulator),
                 "strength": size,
                 "settings": made,
                 "comparable": comparable,
@@ -193,24 +269,33 @@ def _truth(case, kind, category, strength, effect, seed, number) -> dict:
             }
         )
     where = {domain for name in names for domain in CATALOGUE[name].where}
-    if kind == "images":
+    if kind == IMAGES:
         where = set(IMAGE)
+    # The diagnosis of images has neither declared deviations nor uncertainty of the object.
+    declared = settings.declared if kind == PROJECTIONS else 0
+    random = generator(branch(seed, 1, world.number, WORLD))
     return {
         "case": case,
-        "number": number,
+        "number": world.number,
         "kind": kind,
-        "phantom": phantom_of(case),
+        "simulator": world.simulator,
+        "phantom": world.object,
+        "object": world.object,
+        "geometry": world.geometry,
+        "description": world.description,
         "category": category,
-        "strength": strength or (drawn[0]["strength"] if category == "unknown" else None),
+        "strength": planned.strength or (drawn[0]["strength"] if category == "unknown" else None),
         "effects": drawn,
         "where": sorted(where),
+        "imperfections": imperfections.drawn(world.stated(seed), names, declared, random),
     }
 
 
-def _pair(random: np.random.Generator) -> list[str]:
+def _pair(random: np.random.Generator, simulator: str) -> list[str]:
     """Draw two effects of different groups, in the order of the catalogue."""
+    known = [name for name in KNOWN if simulated_by(name, simulator)]
     while True:
-        first, second = sorted(random.choice(len(KNOWN), 2, replace=False))
-        groups = [CATALOGUE[KNOWN[index]].alike for index in (first, second)]
+        first, second = sorted(random.choice(len(known), 2, replace=False))
+        groups = [CATALOGUE[known[index]].alike for index in (first, second)]
         if not groups[0] or groups[0] != groups[1]:
-            return [KNOWN[first], KNOWN[second]]
+            return [known[first], known[second]]

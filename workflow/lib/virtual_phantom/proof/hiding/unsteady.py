@@ -1,12 +1,92 @@
-"""Motion of an unsteady object or gantry in each view, from equations of this package."""
+"""Positions of source and detector in each view, from equations of this package."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...base.streams import branch, generator
+
+# Time constant of the exponential laws below, in durations of the scan.
+SETTLING = 1.0
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """Displacements of one view.
+
+    Attributes
+    ----------
+    object_mm, source_mm : ndarray, shape (3,)
+        Of the object, and of the source alone, mm.
+    turn_deg : float
+        Error of the gantry angle, degrees.
+    """
+
+    object_mm: np.ndarray
+    source_mm: np.ndarray
+    turn_deg: float
+
+
+def displacement(
+    settings: Mapping, view: int, views: int, turns: float, duration_s: float, along: np.ndarray, up: np.ndarray
+) -> Displacement:
+    """Return the displacements of a view.
+
+    Parameters
+    ----------
+    settings : mapping
+        Hidden settings, as Scan.settings.
+    turns : float
+        Turns of the gantry since the start of the scan.
+    along, up : ndarray, shape (3,)
+        Directions of growing columns and rows.
+    """
+    settled = settling((view + 0.5) / views) * duration_s
+    moved = settings.get("axis_shift_mm", 0.0) * along + settled * np.asarray(
+        settings.get("velocity_mm_per_s", (0,) * 3)
+    )
+    axes = [along, up, np.cross(up, along)]
+    source = settled * np.asarray(settings.get("source_mm_per_s", (0,) * 3)) @ axes
+    angle = 0.0
+    if "angle_wave_deg" in settings:
+        angle += triangle_wave(turns, settings["angle_wave_deg"])
+    if "breathing_mm" in settings:
+        moved = moved + breathed(turns, settings)
+    if "swing_deg" in settings:
+        angle -= swung(turns, settings)
+    if "jitter_deg" in settings:
+        angle += jittered(view, settings)
+    return Displacement(moved, source, angle)
+
+
+def settling(time: float) -> float:
+    """Return the position of a part that settles exponentially, with a range of 1 and a mean of 0 over the scan.
+
+    Creep of a soft object and thermal expansion follow this law.
+
+    Parameters
+    ----------
+    time : float
+        Since the start of the scan, in its duration.
+    """
+    whole = -np.expm1(-1 / SETTLING)
+    mean = 1 - SETTLING * whole
+    return float((-np.expm1(-time / SETTLING) - mean) / whole)
+
+
+def triangle_wave(turns: float, amplitudes: tuple[float, float]) -> float:
+    """Return a triangle wave with one period per turn, as of a worn belt.
+
+    Parameters
+    ----------
+    amplitudes : tuple of 2 float
+        Of its fundamental wave: of the cosine and of the sine.
+    """
+    size, phase = np.hypot(*amplitudes), np.arctan2(amplitudes[1], amplitudes[0])
+    return float(size * np.pi**2 / 8 * 2 / np.pi * np.arcsin(np.cos(2 * np.pi * turns - phase)))
 
 
 def breathed(turns: float, settings: Mapping) -> np.ndarray:

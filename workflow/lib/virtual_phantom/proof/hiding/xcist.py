@@ -15,7 +15,9 @@ import io
 import json
 import os
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,6 +29,7 @@ from scipy.optimize import brentq
 from ...base.errors import InputError
 from ...base.streams import Stream
 from ...base.vectors import FLAT
+from .materials import MATERIALS, NUMBERS, Attenuation, Material
 
 CELLS_DIVIDED = 4  # subdivision of a detector cell per direction; transmissions are averaged
 HOOKS = "virtual_phantom.proof.hiding.hooks."
@@ -53,7 +56,7 @@ IDLE = {
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan for XCIST: one turn of a detector on a circle, starting at +y.
+    """A scan for a simulator: source and detector on a circle or a helix. At angle 0 the source is at +y.
 
     Attributes
     ----------
@@ -71,6 +74,12 @@ class Scan:
         Shape of the detector; the axis of a cylinder passes through the source.
     column_offset_px : float, optional
         As in ScanGeometry.
+    turns : float, optional
+        Turns of all views together.
+    feed_mm, start_z_mm : float, optional
+        Rise of the source per turn, and its height in the first view, mm.
+    start_angle_deg : float, optional
+        Angle of the first view, degrees.
     """
 
     views: int
@@ -86,6 +95,20 @@ class Scan:
     settings: dict = field(default_factory=dict)
     surface: str = FLAT
     column_offset_px: float = 0.0
+    turns: float = 1.0
+    feed_mm: float = 0.0
+    start_z_mm: float = 0.0
+    start_angle_deg: float = 0.0
+
+    @property
+    def views_per_rotation(self) -> float:
+        """Views per turn."""
+        return self.views / self.turns
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of all views, s."""
+        return self.rotation_ms / 1000 * self.turns
 
 
 @dataclass(frozen=True)
@@ -125,10 +148,13 @@ class Materials:
         By XCIST's name of the material, in the scanner frame.
     voxel_mm : tuple of 2 float
         Size in the plane and height along z, mm.
+    composed : dict of str to Material
+        Materials that are not XCIST's, by name.
     """
 
     fractions: dict[str, np.ndarray]
     voxel_mm: tuple[float, float]
+    composed: Mapping[str, Material] = field(default_factory=dict)
 
     def configure(self, cfg, folder: Path) -> None:
         """Set the configuration to scan this object; write its files to the folder."""
@@ -142,7 +168,8 @@ class Materials:
         slices, rows, columns = self.fractions[names[0]].shape
         plane, height = self.voxel_mm
         files = [f"{number}.raw" for number in range(len(names))]
-        content = {"n_materials": len(names), "mat_name": names, "volumefractionmap_filename": files}
+        own = [write_material(name, self.composed[name], folder) if name in self.composed else name for name in names]
+        content = {"n_materials": len(names), "mat_name": own, "volumefractionmap_filename": files}
         of_each = {
             "volumefractionmap_datatype": "float",
             **{"cols": columns, "rows": rows, "slices": slices},
@@ -154,6 +181,26 @@ class Materials:
         path = folder / "object.json"
         path.write_text(json.dumps(content | {key: [value] * len(names) for key, value in of_each.items()}))
         return path
+
+
+def write_material(name: str, material: Material, folder: Path) -> str:
+    """Write XCIST's file of a material and return its path."""
+    lines = [f"{len(material.fractions)}", f"{material.density}"]
+    lines += [f"{NUMBERS[symbol]} {share}" for symbol, share in material.fractions.items()]
+    path = folder / f"{name}.txt"
+    path.write_text("\n".join(lines) + "\n")
+    return str(path)
+
+
+def attenuation_of(kev: float) -> Attenuation:
+    """Return a function that gives XCIST's attenuation of a material of MATERIALS, 1/mm."""
+
+    @cache
+    def of(name: str) -> float:
+        with tempfile.TemporaryDirectory() as folder:
+            return attenuation_per_mm(write_material(name, MATERIALS[name], Path(folder)), kev)
+
+    return of
 
 
 def attenuation_per_mm(material: str, kev: float) -> float:
@@ -251,7 +298,8 @@ def _configured(scan: Scan, materials: ScannedObject, folder: Path, current: flo
     scanner.detectorColsPerMod = scan.columns if scan.surface == FLAT else 1  # a single module is flat
     scanner.detectorRowsPerMod = scanner.detectorRowCount = scan.rows
     scanner.detectorColSize, scanner.detectorRowSize = scan.column_pitch_mm, scan.row_pitch_mm
-    scanner.detectorColOffset, scanner.detectorRowOffset = scan.column_offset_px, 0.0
+    scanner.detectorColOffset = scan.column_offset_px + settings["detector_columns_px"]
+    scanner.detectorRowOffset = settings["detector_rows_mm"] / scan.row_pitch_mm
     scanner.detectorColFillFraction = scanner.detectorRowFillFraction = 1.0
     scanner.detectorPrefilter = []
     scanner.detectionGain = 1.0
@@ -260,7 +308,7 @@ def _configured(scan: Scan, materials: ScannedObject, folder: Path, current: flo
     scanner.focalspotShape = "uniform"
     scanner.targetAngle = TARGET_ANGLE_DEG
     protocol.scanTrajectory = HOOKS + "gantry"
-    protocol.viewsPerRotation = protocol.viewCount = scan.views
+    protocol.viewsPerRotation, protocol.viewCount = scan.views_per_rotation, scan.views
     protocol.stopViewId = scan.views - 1
     protocol.rotationTime = scan.rotation_ms / 1000
     protocol.mA = current
@@ -269,7 +317,9 @@ def _configured(scan: Scan, materials: ScannedObject, folder: Path, current: flo
     protocol.wobbleDistance = settings.get("wobble_mm", 0.0)
     protocol.dutyRatio = settings.get("duty", 1.0)
     # XCIST exposes from the start of a view's interval; recordings give the angle at the middle of the exposure.
-    protocol.startAngle = 360 / scan.views * (1 - protocol.dutyRatio) / 2
+    protocol.startAngle = scan.start_angle_deg + 360 / scan.views_per_rotation * (1 - protocol.dutyRatio) / 2
+    # XCIST moves the table instead of the source.
+    protocol.startZ, protocol.tableSpeed = -scan.start_z_mm, -scan.feed_mm / protocol.rotationTime
     physics.fluxCallback = HOOKS + "flux"
     physics.recalcFlux = 1
     physics.outputCallback = HOOKS + "output"

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import expit
 
 from ...diagnosis.selection.forward_selection import AS_GOOD
+from ...diagnosis.verdict_text import PRACTICAL
 from ..hiding.case import EXPLAINED, MATCH, PARTLY, UNEXPLAINED, Case
 from .intervals import share
 
@@ -79,6 +80,7 @@ def tables(cases: Sequence[Case]) -> dict:
 
 STATEMENTS: dict[str, Callable[[Case], bool]] = {
     MATCH: lambda case: case.category == "none",
+    PRACTICAL: lambda case: case.category == "none",
     EXPLAINED: lambda case: case.exact,
     PARTLY: lambda case: not set(case.hidden) <= set(case.named),
     UNEXPLAINED: lambda case: not case.in_library,

@@ -14,18 +14,20 @@ from ..hiding.catalogue import CATALOGUE
 
 
 def verdict_document(diagnosis: Mapping) -> dict:
-    """Return the verdict document of the content of diagnosis.json."""
+    """Return the verdict document of the content of diagnosis.json, without effects below the relevance thresholds."""
     equal = diagnosis["ambiguous_with"]
+    small = diagnosis.get("practice", {}).get("small", ())
+    named = [effect for effect in diagnosis["effects"] if effect["name"] not in small]
     return {
         "case": diagnosis["recording"],
-        "effects": [[effect["name"], *equal.get(effect["name"], ())] for effect in diagnosis["effects"]],
+        "effects": [[effect["name"], *equal.get(effect["name"], ())] for effect in named],
         "unexplained": diagnosis["verdict"] in ADMITTED,
         "parameters": {
             effect["name"]: {
                 name: {"value": parameter["value"], "ci95": list(parameter["ci95"])}
                 for name, parameter in effect["parameters"].items()
             }
-            for effect in diagnosis["effects"]
+            for effect in named
         },
     }
 

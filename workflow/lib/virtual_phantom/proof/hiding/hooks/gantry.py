@@ -3,7 +3,7 @@
 import numpy as np
 from gecatsim.pyfiles.Gantry_Helical import Gantry_Helical
 
-from ..unsteady import breathed, jittered, swung, turned
+from ..unsteady import displacement, turned
 
 
 def gantry(cfg):
@@ -12,29 +12,15 @@ def gantry(cfg):
     An object displaced by d equals a source and a detector displaced by -d. The same holds for rotations.
     """
     cfg = Gantry_Helical(cfg)
-    hooks = cfg.hooks
-    along, up = cfg.detNew.uvecs[0], cfg.detNew.vvecs[0]  # the directions of growing columns and rows
-    shift = hooks.detector_columns_px * cfg.scanner.detectorColSize * along + hooks.detector_rows_mm * up
+    along, up = np.ravel(cfg.srcNew.lateral), cfg.detNew.vvecs[0]  # the directions of growing columns and rows
     interval = cfg.protocol.rotationTime / cfg.protocol.viewsPerRotation  # s
-    time = (
-        cfg.time + interval / 2 - interval * cfg.sim.viewCount / 2
-    )  # middle of the view, relative to the middle of the scan
-    displaced = hooks.axis_shift_mm * along + time * np.asarray(hooks.velocity_mm_per_s)
-    drift = time * np.asarray(hooks.source_mm_per_s) @ [along, up, np.cross(up, along)]
-    settings, turns, angle = vars(hooks), cfg.time / cfg.protocol.rotationTime, 0.0
-    if any(hooks.angle_wave_deg):
-        angle += np.dot(hooks.angle_wave_deg, [np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)])
-    if "breathing_mm" in settings:
-        displaced = displaced + breathed(turns, settings)
-    if "swing_deg" in settings:
-        angle -= swung(turns, settings)
-    if "jitter_deg" in settings:
-        angle += jittered(cfg.viewId, settings)
-    cfg.detNew.modCoords = np.single(cfg.detNew.modCoords + shift - displaced)
-    cfg.srcNew.samples = np.single(cfg.srcNew.samples - displaced + drift)
-    cfg.srcNew.corners = np.single(cfg.srcNew.corners - displaced + drift)
-    if angle:
+    turns, views = cfg.time / cfg.protocol.rotationTime, cfg.sim.viewCount
+    moved = displacement(vars(cfg.hooks), cfg.viewId, views, turns, interval * views, along, up)
+    cfg.detNew.modCoords = np.single(cfg.detNew.modCoords - moved.object_mm)
+    cfg.srcNew.samples = np.single(cfg.srcNew.samples - moved.object_mm + moved.source_mm)
+    cfg.srcNew.corners = np.single(cfg.srcNew.corners - moved.object_mm + moved.source_mm)
+    if moved.turn_deg:
         for part, names in ((cfg.detNew, ("modCoords", "uvecs", "vvecs")), (cfg.srcNew, ("samples", "corners"))):
             for name in names:
-                setattr(part, name, np.single(turned(getattr(part, name), angle)))
+                setattr(part, name, np.single(turned(getattr(part, name), moved.turn_deg)))
     return cfg

@@ -1,0 +1,81 @@
+"""Scanned objects on voxels: volume fractions of materials for XCIST, HU and labels for the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...base.geometry import Grid
+from ...phantom.shapes import coverage
+from .materials import Attenuation
+from .objects import Part, ScannedObject
+from .orbits import Orbit
+
+STATED_PER_PIXEL = 3  # stated voxels per detector pixel at the isocenter
+SCANNED_PER_PIXEL = (2, 4)  # scanned voxels along z and in the plane
+REACH = 1.3  # height of the cone beam at the object's far side over its height at the isocenter
+# Additional height for displaced rows. Rays through the end faces would differ between the simulators.
+BEYOND_MM = 6.0
+AIR_HU = -1000.0
+CONSTANT_SLICES = 4  # of an object that is constant along z
+
+
+def grid_of(scanned: ScannedObject, orbits: Sequence[Orbit], per_pixel: tuple[int, int], margin_mm: float = 0) -> Grid:
+    """Return a grid around the object, cut to the height of the beams.
+
+    Parameters
+    ----------
+    per_pixel : tuple of 2 int
+        Voxels per detector pixel at the isocenter, along z and in the plane.
+    margin_mm : float, optional
+        Additional margin in the plane, mm.
+    """
+    pixel = scanned.pixel_mm(orbits[0].columns)
+    height = max(
+        orbit.rows * pixel * REACH + abs(orbit.feed_mm) * orbit.views / orbit.views_per_rotation for orbit in orbits
+    )
+    along, plane = (pixel / count for count in per_pixel)
+    if all(np.isinf(part.semi_axes_mm[2]) for part in (*scanned.parts, *scanned.outside)):
+        along = (height + 2 * BEYOND_MM) / CONSTANT_SLICES
+    low, high = np.array([part.shape.bounds_mm() for part in (scanned.parts[0], *scanned.outside)]).transpose(1, 0, 2)
+    half = np.maximum(-low.min(axis=0), high.max(axis=0))[:2] + margin_mm + plane
+    slices = 2 * int(np.ceil((height + 2 * BEYOND_MM) / along / 2))
+    x, y = (2 * int(np.ceil(side / plane)) for side in half)
+    return Grid((slices, y, x), (along, plane, plane))
+
+
+def shares(scanned: ScannedObject, grid: Grid) -> list[tuple[Part, np.ndarray]]:
+    """Return every part with its volume fraction in each voxel, shape (z, y, x)."""
+    covered = [coverage(part.shape, grid.axes_mm(), grid.spacing) for part in (*scanned.parts, *scanned.outside)]
+    inner = len(scanned.parts)
+    covered[0] = np.maximum(covered[0] - sum(covered[1:inner], np.float32(0)), 0)
+    return list(zip((*scanned.parts, *scanned.outside), covered, strict=True))
+
+
+def fractions(
+    scanned: ScannedObject, grid: Grid, attenuation: Attenuation, mu_water_per_mm: float
+) -> dict[str, np.ndarray]:
+    """Return {material: volume fraction times relative density}, each float32 of shape (z, y, x)."""
+    found: dict[str, np.ndarray] = {}
+    for part, share in shares(scanned, grid):
+        for name, amount in part.amounts(attenuation, mu_water_per_mm).items():
+            found[name] = found.get(name, 0) + np.float32(amount) * share
+    return found
+
+
+def stated_hu(scanned: ScannedObject, grid: Grid) -> np.ndarray:
+    """Return the CT numbers of an object of tissues, HU, float32 of shape (z, y, x)."""
+    hu = np.full(grid.shape, AIR_HU, np.float32)
+    for part, share in shares(scanned, grid):
+        hu += np.float32((AIR_HU if part.material == "air" else part.hu) - AIR_HU) * share
+    return hu
+
+
+def labels(scanned: ScannedObject, grid: Grid) -> np.ndarray:
+    """Return 1 + the index of the part at the center of each voxel, or 0, int16 of shape (z, y, x)."""
+    found = np.zeros(grid.shape, np.int16)
+    z, y, x = np.ix_(*grid.axes_mm())
+    for number, part in enumerate(scanned.parts, start=1):
+        found[np.broadcast_to(part.shape.level(z, y, x) < 0, grid.shape)] = number
+    return found
