@@ -11,7 +11,7 @@ from ...base.lru_cache import LRUCache
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
-from ...physics.effect import Parameter, absolute_attenuation, acts_on_images, load
+from ...physics.effect import PERIOD, Parameter, absolute_attenuation, acts_on_images, load
 from ...physics.state import State
 from ...simulation.reconstruct import apply_image_effects
 from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
@@ -24,7 +24,7 @@ from .observed import Condenser, ObservedImages
 REALIZATIONS = 7  # of noise, reconstructed together; the mean is reconstructed separately
 WATER_SD = 0.3  # SD of the scale if attenuation is absolute: scanners set water to 0 HU for every spectrum
 IMAGES_KEPT = 6  # cached settings; a Jacobian uses the images at its central point for every parameter
-STARTS_PER_PERIOD = 2  # of a periodic parameter; a period is a change of 1 of the pixels across the image
+STARTS_PER_PERIOD = 2
 EARLIER = 0  # branch of the random stream of the realizations
 
 
@@ -60,15 +60,19 @@ class ImagesModel(Model):
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
     def _unknown(self, name: str, parameter: Parameter) -> Unknown | None:
-        """See Model; with starts in every period of a periodic parameter, from half a pixel to two pixels."""
+        """See Model; with the starts of Parameter.starts_per, for periods from half a pixel to two pixels."""
         found = super()._unknown(name, parameter)
-        if found is None or not parameter.periodic or len(found.starts) == 1:  # declared
+        if found is None or parameter.starts_per is None or name in self.declared:
             return found
         pixel = min(self.spacing_mm[1:])
         extent = pixel * max(self.condenser.expected.shape[1:])
-        lengths = 1 / np.arange(1 / min(parameter.high, 2 * pixel), 2 / pixel, 1 / (STARTS_PER_PERIOD * extent))
-        starts = tuple(parameter.to_variable(length) for length in lengths)
-        return replace(found, starts=(*found.starts, *starts), periodic=True)
+        if parameter.starts_per == PERIOD:  # a period changes the number of pixels across the image by 1
+            lengths = 1 / np.arange(0.5 / pixel, 2 / pixel, 1 / (STARTS_PER_PERIOD * extent))
+        else:
+            lengths = np.arange(pixel / 2, extent / np.sqrt(2), pixel)
+        kept = lengths[(lengths >= parameter.low) & (lengths <= parameter.high)]
+        starts = (*found.starts, *map(parameter.to_variable, kept))
+        return replace(found, starts=starts, periodic=parameter.starts_per == PERIOD)
 
     def nuisances_for(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """Return the nuisance parameters. With absolute attenuation, the scale has the wide prior of WATER_SD."""
