@@ -29,7 +29,6 @@ READOUT_UNITS = "readout units"  # photons in a study and its recordings; the si
 # Units that end the name of a parameter, such as width_mm and rows_mm_per_s.
 UNIT_AT_END = re.compile(r"(_(mm|um|deg|px|hu|ms|units))?(_per_(s|mm2?|photon))?$")
 LENGTH = re.compile(r"\b[mu]m")  # in a unit
-PERIOD, PIXEL = "period", "pixel"  # values of Parameter.starts_per
 LOGARITHM = 0  # value of Parameter.power: fits use the logarithm
 # Scope of a parameter: shared by all recordings of a scanner, by those of one protocol, or by none.
 OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
@@ -107,9 +106,8 @@ class Parameter:
         Quantity on the scanner's label that is its prior: TUBE_VOLTAGE or SENSOR_THICKNESS.
     dark : str or None
         Property of dark frames that measures the parameter: DARK_LEVEL, DARK_DRIFT or DARK_NOISE.
-    starts_per : str or None
-        Where fits of a length in images need starts, as they have many local minima: in each PERIOD of its inverse, or
-        in each PIXEL.
+    periodic : bool
+        Whether images change periodically with the inverse of a length, so that fits need many starts.
     title : str
         Name in texts; empty: `name` without its unit.
     """
@@ -130,7 +128,7 @@ class Parameter:
     kernel_error: float | None = None
     nominal: str | None = None
     dark: str | None = None
-    starts_per: str | None = None
+    periodic: bool = False
     title: str = ""
 
     @property

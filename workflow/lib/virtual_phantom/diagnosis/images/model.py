@@ -11,7 +11,7 @@ from ...base.lru_cache import LRUCache
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
-from ...physics.effect import PERIOD, Parameter, absolute_attenuation, acts_on_images, load
+from ...physics.effect import Parameter, absolute_attenuation, acts_on_images, load
 from ...physics.state import State
 from ...simulation.reconstruct import apply_image_effects
 from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
@@ -60,19 +60,15 @@ class ImagesModel(Model):
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
 
     def _unknown(self, name: str, parameter: Parameter) -> Unknown | None:
-        """See Model; with the starts of Parameter.starts_per, for periods from half a pixel to two pixels."""
+        """See Model; with starts in each period of a periodic length, from half a pixel to two pixels."""
         found = super()._unknown(name, parameter)
-        if found is None or parameter.starts_per is None or name in self.declared:
+        if found is None or not parameter.periodic or name in self.declared:
             return found
         pixel = min(self.spacing_mm[1:])
-        extent = pixel * max(self.condenser.expected.shape[1:])
-        if parameter.starts_per == PERIOD:  # a period changes the number of pixels across the image by 1
-            lengths = 1 / np.arange(0.5 / pixel, 2 / pixel, 1 / (STARTS_PER_PERIOD * extent))
-        else:
-            lengths = np.arange(pixel / 2, extent / np.sqrt(2), pixel)
-        kept = lengths[(lengths >= parameter.low) & (lengths <= parameter.high)]
-        starts = (*found.starts, *map(parameter.to_variable, kept))
-        return replace(found, starts=starts, periodic=parameter.starts_per == PERIOD)
+        # A period changes the number of pixels across the image by 1.
+        step = 1 / (STARTS_PER_PERIOD * pixel * max(self.condenser.expected.shape[1:]))
+        lengths = 1 / np.arange(max(0.5 / pixel, 1 / parameter.high), 2 / pixel, step)
+        return replace(found, starts=(*found.starts, *map(parameter.to_variable, lengths)), periodic=True)
 
     def nuisances_for(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """Return the nuisance parameters. With absolute attenuation, the scale has the wide prior of WATER_SD."""

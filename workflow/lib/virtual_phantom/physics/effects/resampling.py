@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from ..effect import PERIOD, Effect, Parameter
+from ..effect import Effect, Parameter
 from ..image_state import ImageState
 
 LEAST = 0.05  # pixels of the image; a finer matrix makes no difference
@@ -33,7 +33,7 @@ EFFECT = Effect(
     signature="as the reconstruction kernel, with a periodic pattern of noise and sharpness",
     settled_by="export the images in the matrix of the reconstruction",
     parameters=(
-        Parameter("pixel_mm", "mm", "pixel size d of the other matrix", 0.0, 5.0, 0.8, 1.0, power=2, starts_per=PERIOD),
+        Parameter("pixel_mm", "mm", "pixel size d of the other matrix", 0.0, 5.0, 0.8, 1.0, power=2, periodic=True),
     ),
     apply=apply,
 )

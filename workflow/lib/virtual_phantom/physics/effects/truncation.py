@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..effect import LOGARITHM, PIXEL, Effect, Parameter
+from ..effect import LOGARITHM, Effect, Parameter
 from ..image_state import ImageState
 
 
@@ -29,18 +29,7 @@ EFFECT = Effect(
     settled_by="center the object, or scan a smaller one",
     parameters=(
         Parameter("path_mm", "mm", "L: water in the rays at the edge of the field of view", 0.0, 300.0, 20.0, 20.0),
-        Parameter(
-            "radius_mm",
-            "mm",
-            "S: radius of the field of view",
-            20.0,
-            400.0,
-            150.0,
-            150.0,
-            None,
-            LOGARITHM,
-            starts_per=PIXEL,
-        ),
+        Parameter("radius_mm", "mm", "S: radius of the field of view", 20.0, 400.0, 150.0, 150.0, None, LOGARITHM),
     ),
     apply=apply,
     rank=-1,
