@@ -118,8 +118,11 @@ def find(plane: np.ndarray, spacing: Sequence[float], drawn: np.ndarray, drawn_s
     centers = [middle, *([dense.mean()] if len(dense) else [])]
     with suppress(InputError):  # not a circle
         centers.append(complex(*fit_circle(plane, spacing, radius)[:2]))
-    # Pixels of the image are means over their area.
-    sides = [max(1, round(pixel / fine)) for pixel, fine in zip(spacing[1:], drawn_spacing[1:], strict=True)]
+    # Pixels of the image are means over their area. Even sides would displace the object.
+    sides = [
+        2 * max(0, round((pixel / fine - 1) / 2)) + 1
+        for pixel, fine in zip(spacing[1:], drawn_spacing[1:], strict=True)
+    ]
     image, drawn = clipped(plane), ndimage.uniform_filter(clipped(drawn), sides)
     few = slice(None, None, max(1, len(body) // POINTS_OF_STARTS))
     near = np.abs(points - middle) < radius
