@@ -126,7 +126,9 @@ class ScannedVolume:
         """Return the filtered back-projection of a simulation, without ROIs."""
         grid = image_grid(scene.geometry, scene.radius_mm)
         engine = projector("cpu", scene.geometry, grid, 1, scene.threads)
-        (image,) = fbp(engine, scene.paths_mm[None].astype(np.float32))
+        water, *_ = scene.attenuation_per_mm
+        lines = np.tensordot(scene.attenuation_per_mm / water, scene.paths_mm, 1)
+        (image,) = fbp(engine, lines[None].astype(np.float32))
         return cls._drawn(attenuation_to_hu(image, 1.0), grid)
 
     @classmethod

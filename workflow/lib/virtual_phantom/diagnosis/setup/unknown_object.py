@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import ndimage, optimize
+from scipy import ndimage
 
 from ...base.geometry import PARALLEL, OrbitGeometry
 from ...base.names import counted, enumerated
@@ -22,6 +22,7 @@ from ..projections.observed import MEDIAN_SQUARE, Scans, scans
 from ..verdict.verdict import Diagnosis
 from ..verdict_text import VerdictLine, with_verdict_text
 from .consistency import centroid_shift, opposite_rays, parallel_views, sums_of_views
+from .data_checks import noise_by_transmission, smooth_transmission
 
 OBJECT_UNKNOWN = "object not known"  # verdict
 EDGE = 0.01  # share of the columns at either edge that may see air
@@ -31,8 +32,6 @@ MOST_ROWS = 64  # rows that are tested for noise and defects
 FEWEST_VIEWS = 30  # in which an object does not stand still, so that a defect is the pixel's
 LEAST_GOOD = 0.5  # share of the views in which a tested pixel is usable
 MOST_OF_RANGE = 0.1  # spread of air over the range of line integrals; more is not air
-BINS, FEWEST_IN_BIN = 12, 100  # of the transmission, for noise against signal; fewest rays, as all rays over this
-SMOOTH = 5  # views and columns over which the signal is averaged
 DEFECTIVE, LEAST_DEFECT = 10.0, 0.02  # robust standard deviations, and line integrals, between neighboring pixels
 SIGNIFICANT = 4.0  # standard errors, or ratio to noise
 SATURATES = 0.7  # ratio of the spreads of sums over parallel views, below which a saturation explains them
@@ -248,27 +247,11 @@ def _noise(taken: Scans, air: float) -> DataFinding | None:
     lines = np.where(good, lines, np.nan)
     second = lines[:-2] - 2 * lines[1:-1] + lines[2:]
     second = (second[..., :-2] - 2 * second[..., 1:-1] + second[..., 2:]) / 6  # variance 36 for independent noise
-    # The mean of neighbors, because single values would sort rays by the sign of their noise.
-    filled = np.where(good, lines, np.median(lines[good]))
-    transmission = np.exp(-ndimage.uniform_filter(filled, (SMOOTH, 1, SMOOTH)))[1:-1, :, 1:-1]
-    keep = np.isfinite(second)
-    if np.count_nonzero(keep) < 100 * BINS:
+    transmission = smooth_transmission(lines, good)[1:-1, :, 1:-1]
+    fitted = noise_by_transmission(second, transmission)
+    if fitted is None:
         return None
-    second, transmission = (second * transmission)[keep], transmission[keep]  # noise of the transmission
-    edges = np.linspace(transmission.min(), transmission.max(), BINS + 1)
-    which = np.clip(np.searchsorted(edges, transmission, side="right") - 1, 0, BINS - 1)
-    rays = np.bincount(which, minlength=BINS)
-    bins = np.flatnonzero(rays > rays.sum() / FEWEST_IN_BIN)
-    signal, variance = (
-        np.array([np.median(part[which == k]) for k in bins]) for part in (transmission, second**2 / MEDIAN_SQUARE)
-    )
-    noisy = variance > 0
-    if not noisy.any():
-        return None
-    bins, signal, variance = bins[noisy], signal[noisy], variance[noisy]
-    weights = np.sqrt(rays[bins]) / variance
-    terms = np.stack([np.ones_like(signal), signal], axis=1)
-    floor, slope = optimize.nnls(terms * weights[:, None], variance * weights)[0]
+    signal, variance, floor, slope = fitted
     of_air = float(np.sqrt(variance[-1]) / signal[-1])
     text = f"noise between neighbors is {of_air:.2g} of the signal of the least attenuated rays"
     values = {"relative_sd": of_air, "transmission": float(signal[-1])}
