@@ -5,13 +5,9 @@ import pytest
 
 import virtual_phantom as vp
 from virtual_phantom.base.data import SCHEMAS
-from virtual_phantom.diagnosis.request import DiagnosisRequest
-from virtual_phantom.diagnosis.run import run_diagnosis
-from virtual_phantom.diagnosis.settings import RecordingSettings, UnknownObject
 from virtual_phantom.diagnosis.setup.descriptions import descriptions
 from virtual_phantom.diagnosis.setup.mismatch import Comparison
 from virtual_phantom.io.schema import read_schema, validate
-from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.recordings.importers.projections import import_projections
 from virtual_phantom.report.diagnosis import write_results
@@ -60,10 +56,7 @@ def diagnosed(folder, lines, noise=0.002, **options):
     np.save(folder / "lines.npy", lines)
     options = {"angles": f"0,{360 / len(lines)}", "log": True} | (options or FAN)
     import_projections(folder / "lines.npy", folder / "scan", **options)
-    request = DiagnosisRequest(
-        folder / "scan", RecordingSettings(None, None, {}, object=UnknownObject(True)), 0.02, Segmentation("water")
-    )
-    found = run_diagnosis(request, [], {})
+    found = vp.diagnose(folder / "scan", unknown=True)
     validate(found.content, read_schema(SCHEMAS / "diagnosis.schema.yaml"), "diagnosis.json")
     return found, {check["subject"]: check for check in found.content["data_checks"]}
 
