@@ -11,19 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
-from scipy.stats import median_abs_deviation
 
 from ..base.errors import InputError
 from ..physics.beam.materials import Material, attenuation_per_mm
 from ..physics.scenes.objects import ShapedObject
 from ..physics.scenes.shapes import MARGIN_MM, NOTHING, Shape
-from ..statistics.surface_resolution import SURFACE_HU
+from ..recordings.in_plane import around, best_roll, fit_circle
 
-RAYS = 360  # directions in which the surface is searched
-SEARCHED = 0.15  # relative range around the known radius in which the surface is searched
-OUTLIER = 3.0  # scaled median absolute deviations from which points of the surface are rejected
-ITERATIONS = 5  # of fits of a center
-ROLL_STEP_DEG = 0.5
+ITERATIONS = 5  # of the center of an insert
 LEAST_CORRELATION = 0.9  # between nominal HU of inserts and the image, for an object that is found
 LEAST_MEDIUM_MM = 20.0  # radius of the cylinder that can contain inserts
 LEAST_CONTRAST = 1.0  # of an insert relative to noise, from which its center is fitted
@@ -121,47 +116,6 @@ def along_z(shape: Shape) -> bool:
     return shape.quadric is not None and np.allclose(shape.quadric[:3, :3], np.diag([1.0, 1.0, 0.0]), atol=1e-9)
 
 
-def fit_circle(plane: np.ndarray, spacing: Sequence[float], radius: float) -> tuple[float, float, float]:
-    """Return x and y of the center, and the radius, of the surface between air and an object, mm.
-
-    Parameters
-    ----------
-    plane : ndarray, shape (y, x)
-        HU.
-    spacing : sequence of 3 float
-        mm (z, y, x).
-    radius : float
-        Known radius, mm. In each direction, the surface nearest to it is used, to avoid a couch.
-
-    Raises
-    ------
-    InputError
-        If there is no circle of about this radius in the image.
-    """
-    regions, _ = ndimage.label(plane > SURFACE_HU)
-    largest = regions == np.argmax(np.bincount(regions.ravel())[1:]) + 1 if regions.any() else regions
-    x, y, _ = around(plane.shape, spacing, (0.0, 0.0))
-    cx, cy, fitted = (float(v[largest].mean()) if regions.any() else 0.0 for v in (x, y, np.full(x.shape, radius)))
-    angles = np.arange(RAYS) * 2 * np.pi / RAYS
-    step = min(spacing[1:]) / 4
-    reach = np.arange((1 - SEARCHED) * radius, (1 + SEARCHED) * radius, step)
-    for _ in range(ITERATIONS):
-        values = at(plane, spacing, cx + np.outer(np.cos(angles), reach), cy + np.outer(np.sin(angles), reach))
-        leaves = (values[:, :-1] > SURFACE_HU) & (values[:, 1:] <= SURFACE_HU)
-        distance = np.where(leaves, np.abs(reach[:-1] - radius), np.inf)
-        chosen, index = np.argmin(distance, axis=1), np.flatnonzero(leaves.any(axis=1))
-        if len(index) < RAYS / 2:
-            raise InputError(f"image quality: there is no round object of {2 * radius:g} mm inside the image")
-        inner, outer = values[index, chosen[index]], values[index, chosen[index] + 1]
-        found = reach[chosen[index]] + (inner - SURFACE_HU) / (inner - outer) * step
-        x, y = found * np.cos(angles[index]), found * np.sin(angles[index])
-        kept = np.abs(found - np.median(found)) <= max(OUTLIER * 1.4826 * median_abs_deviation(found), step)
-        design = np.column_stack([2 * x, 2 * y, np.ones(len(x))])[kept]
-        dx, dy, rest = np.linalg.lstsq(design, (x**2 + y**2)[kept], rcond=None)[0]
-        cx, cy, fitted = cx + dx, cy + dy, float(np.sqrt(rest + dx**2 + dy**2))
-    return float(cx), float(cy), fitted
-
-
 def locate(images: np.ndarray, spacing: Sequence[float], known: Layout) -> Location:
     """Locate an object of shapes in all slices together.
 
@@ -184,7 +138,7 @@ def locate(images: np.ndarray, spacing: Sequence[float], known: Layout) -> Locat
     if not known.inserts:
         return found
     mean, middle = images.mean(axis=0), centers.mean(axis=0)
-    score, roll, mirrored = best_roll(mean, spacing, middle, known)
+    score, roll, mirrored = roll_of_inserts(mean, spacing, middle, known)
     if score < LEAST_CORRELATION:
         raise InputError(
             f"image quality: the inserts are not found (correlation {score:.2f}); check the object and its slices"
@@ -202,7 +156,7 @@ def locate(images: np.ndarray, spacing: Sequence[float], known: Layout) -> Locat
     return replace(found, roll_deg=roll, mirrored=mirrored, inserts=seen)
 
 
-def best_roll(
+def roll_of_inserts(
     plane: np.ndarray, spacing: Sequence[float], center: Sequence[float], known: Layout
 ) -> tuple[float, float, bool]:
     """Return the largest correlation of nominal HU with the image, and the roll and orientation that give it.
@@ -215,19 +169,11 @@ def best_roll(
     radii = np.array([one.radius for one in inserts])
     between = (np.abs(positions)[:, None] * np.exp(2j * np.pi * np.arange(BETWEEN) / BETWEEN)).ravel()
     clear = (np.abs(between[:, None] - positions) > 1.5 * radii + SMOOTHED_MM).all(axis=1)
-    positions = np.append(positions, between[clear])
-    values = [nominal_hu(one.material) for one in inserts] + [nominal_hu(known.medium)] * int(clear.sum())
-    wanted = np.array(values) - np.mean(values)
-    rolls = np.arange(0, 360, ROLL_STEP_DEG)
+    points = np.append(positions, between[clear])
+    hu = np.array([nominal_hu(one.material) for one in inserts] + [nominal_hu(known.medium)] * int(clear.sum()))
     smooth = ndimage.uniform_filter(plane, max(1, int(SMOOTHED_MM / max(spacing[1:]))))
-    best = (-1.0, 0.0, False)
-    for mirrored in (False, True):
-        turned = np.exp(1j * np.radians(rolls))[:, None] * (-positions.conjugate() if mirrored else positions)
-        values = at(smooth, spacing, center[0] + turned.real, center[1] + turned.imag)
-        values -= values.mean(axis=1, keepdims=True)
-        scores = values @ wanted / np.maximum(np.linalg.norm(values, axis=1) * np.linalg.norm(wanted), 1e-9)
-        best = max(best, (float(scores.max()), float(rolls[np.argmax(scores)]), mirrored))
-    return best
+    views = ((points, False), (-points.conjugate(), True))
+    return max((*best_roll(smooth, spacing, center, seen, hu), mirrored) for seen, mirrored in views)
 
 
 def _turned(one: Insert, roll_deg: float, mirrored: bool) -> complex:
@@ -248,20 +194,3 @@ def _centered(plane: np.ndarray, spacing: Sequence[float], center: Sequence[floa
         dx, dy = (float((signal * axis).sum() / signal.sum()) for axis in (x, y))
         one = replace(one, x=one.x + dx, y=one.y + dy)
     return one
-
-
-def at(plane: np.ndarray, spacing: Sequence[float], x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return a plane (y, x) at positions in mm from its center, linearly interpolated; air outside."""
-    rows, columns = (
-        position / step + (n - 1) / 2 for position, step, n in zip((y, x), spacing[1:], plane.shape, strict=True)
-    )
-    return ndimage.map_coordinates(plane, [rows, columns], order=1, mode="constant", cval=-1000.0)
-
-
-def around(
-    shape: Sequence[int], spacing: Sequence[float], center: Sequence[float]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return x, y and distance of all pixels of a plane from a point (x, y), mm; spacing (z, y, x)."""
-    rows, columns = ((np.arange(n) - (n - 1) / 2) * s for n, s in zip(shape, spacing[1:], strict=True))
-    x, y = np.broadcast_arrays(columns - center[0], (rows - center[1])[:, None])
-    return x, y, np.hypot(x, y)

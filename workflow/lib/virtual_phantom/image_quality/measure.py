@@ -14,7 +14,8 @@ from ..base.geometry import Grid
 from ..image_model.dose import DoseLaw
 from ..physics.scenes.objects import read_object
 from ..recordings.images import ImagesRecording
-from .location import Layout, Location, best_roll, fit_circle, layout, locate
+from ..recordings.in_plane import fit_circle
+from .location import Layout, Location, layout, locate, roll_of_inserts
 from .measures import hu_regression, inserts, noise, slice_profile, uniform_area
 from .settings import ImageQualitySettings, ModuleSettings
 from .uniformity import uniformity
@@ -165,7 +166,7 @@ def _slices(volume: np.ndarray, grid: Grid, known: ModuleSettings, cylinders: La
             center = fit_circle(plane, grid.spacing, cylinders.body_radius)
         except InputError:
             continue
-        matches[index] = best_roll(plane, grid.spacing, center[:2], cylinders)[0] >= FOUND_SLICE
+        matches[index] = roll_of_inserts(plane, grid.spacing, center[:2], cylinders)[0] >= FOUND_SLICE
     regions, count = ndimage.label(matches)
     if not count:
         raise InputError("its inserts are in no slice; check the object, or state z_mm")

@@ -20,10 +20,11 @@ from scipy.special import j0
 from ..base.errors import InputError
 from ..physics.scenes.objects import ShapedObject
 from ..physics.scenes.shapes import Shape
+from ..recordings.in_plane import around, at
 from ..statistics.image_quality import mean_frequency, noise_contrasts, tile_spectrum, tiles
 from ..statistics.jackknife import standard_error
 from ..statistics.resolution import EdgeBins, EdgeMtf, first_below
-from .location import NOISE_MARGIN_MM, REFERENCE_KEV, Insert, Layout, Location, along_z, around, at, nominal_hu
+from .location import NOISE_MARGIN_MM, REFERENCE_KEV, Insert, Layout, Location, along_z, nominal_hu
 
 LEAST_INSERT_VOXELS = 6.0  # radius of an insert, in voxels, from which HU and TTF are measured
 WIRE_VOXELS = 0.75  # largest radius of a wire, in voxels

@@ -32,7 +32,8 @@ import pandas as pd
 from scipy import ndimage
 from scipy.optimize import minimize
 
-from .location import NOISE_MARGIN_MM, Layout, Location, around, at
+from ..recordings.in_plane import around, at
+from .location import NOISE_MARGIN_MM, Layout, Location
 
 REGION_MM, REGION_AT = 10.0, 0.7  # radius of the five regions, and their distance in radii of the medium
 MARGIN_MM = 4.0  # at the border of the object

@@ -30,7 +30,6 @@ from ..io.volumes import Volume
 from ..phantom import HALF_COVERED
 from .levels import (
     LEAST_COVERED,
-    SOFT_HU,
     Level,
     clipped,
     coarsen_mask,
@@ -55,8 +54,6 @@ SIDES = ("left and right", "front and back", "top and bottom")
 #   Wrong: printed phantom mirrored 0.92 (0.60), end to end 0.96 (0.83). Abdomen mirrored 0.78 (0.50), end to end 0.85
 #     (0.83), front to back 0.67 (0.52), other slices 0.77 (0.69). One phantom aligned with the other 0.62 (0.52).
 LEAST_CORRELATION, LEAST_CORRELATION_INSIDE = 0.85, 0.9
-# Registration in the plane: HU contrast of an object that can be seen inside it, and correlation there.
-LEAST_CONTRAST_HU, LEAST_IN_PLANE = 20.0, 0.6
 # Ratio of 1 - r, flipped over unflipped, where r is the correlation inside the body. Observed: 3 to 10 for abdomen and
 # printed phantom, 1 for a symmetric object, 0.02 to 0.1 for a recording with flipped axes.
 FLIPPED_RATIO = 0.5
@@ -71,7 +68,7 @@ def body_of(phantom: Volume) -> np.ndarray:
 
 
 def refine(
-    level: Level, start: sitk.Euler3DTransform, relaxation: float = 0.8, last: bool = False, in_plane: bool = False
+    level: Level, start: sitk.Euler3DTransform, relaxation: float = 0.8, last: bool = False
 ) -> sitk.Euler3DTransform:
     """Refine a rigid transform by maximizing the correlation with SimpleITK.
 
@@ -82,8 +79,6 @@ def refine(
     last : bool, optional
         Use Powell's line searches [1]_ instead of gradient descent. On a slab of 40 mm, where tilts change little,
         gradient descent stopped 0.34 degrees off and line searches 0.06 degrees off.
-    in_plane : bool, optional
-        Change only x, y and the rotation about z.
 
     References
     ----------
@@ -103,8 +98,6 @@ def refine(
         method.SetOptimizerAsPowell(20, 20, 0.5, 1e-2, 1e-6)
     else:
         method.SetOptimizerAsRegularStepGradientDescent(0.5 * voxel, 1e-3 * voxel, 300, relaxation, 1e-10)
-    if in_plane:
-        method.SetOptimizerWeights((0, 0, 1, 1, 1, 0))
     method.SetOptimizerScalesFromPhysicalShift()
     transform = sitk.Euler3DTransform(start)
     method.SetInitialTransform(transform, inPlace=True)
@@ -286,30 +279,6 @@ class Search:
         first_pass = refine(self.exclude_table(self.finest, start), start)
         return refine(self.exclude_table(self.finest, first_pass), first_pass, last=True)
 
-    def coarse_in_plane(self) -> tuple[float, sitk.Euler3DTransform]:
-        """Search all positions of slices at known heights, accurate to a voxel.
-
-        Returns
-        -------
-        correlation : float
-            Inside the body, at the middle resolution.
-        transform : Euler3DTransform
-            x, y and the rotation about z.
-        """
-        starts = []
-        for start in self.starts(self.coarsest, None):
-            x, y, _ = start.GetTranslation()
-            starts.append(rigid_transform(self.center, (0, 0, angles_deg(start)[2]), (x, y, 0)))
-        fits = [refine(self.coarsest, start, 0.5, in_plane=True) for start in starts]
-        found = refine(self.middle, max(fits, key=self.coarsest.score), in_plane=True)
-        inside = coarsen_mask(self.inside, self.phantom.grid, self.coarse / 2, HALF_COVERED)[0] != 0
-        return self.middle.soft_tissue_correlation(found, inside), found
-
-    def refine_in_plane(self, start: sitk.Euler3DTransform) -> sitk.Euler3DTransform:
-        """Refine a result of `coarse_in_plane`."""
-        first_pass = refine(self.exclude_table(self.finest, start), start, in_plane=True)
-        return refine(self.exclude_table(self.finest, first_pass), first_pass, last=True, in_plane=True)
-
     def exclude_table(self, level: Level, transform: sitk.Transform) -> Level:
         """Return the level without those parts of the rim where the recording contains foreign matter.
 
@@ -430,25 +399,6 @@ class Search:
             fit = refine(level, rigid_transform(self.center, (0, 0, angle), shift), 0.5)
             found[flip] = level.soft_tissue_correlation(fit, np.flip(inside, axes))
         return found
-
-    def checked_in_plane(self, transform: sitk.Euler3DTransform) -> Alignment:
-        """Return the quality of the fit of `refine_in_plane`.
-
-        Raises
-        ------
-        InputError
-            If it is below LEAST_CORRELATION, or, for an object with contrast inside, below LEAST_IN_PLANE.
-        """
-        found = self.measure(transform)
-        contrast = float(np.std(np.clip(self.phantom.array[self.inside], *SOFT_HU))) if self.inside.any() else 0.0
-        least = LEAST_IN_PLANE if contrast > LEAST_CONTRAST_HU else -1.0
-        if found.correlation >= LEAST_CORRELATION and found.correlation_inside >= least:
-            return found
-        raise InputError(
-            f"recording {self.name}: the object does not fit the images: correlation {found.correlation:.2f} (at least "
-            f"{LEAST_CORRELATION:g}), inside {found.correlation_inside:.2f} (at least {least:g}); check object, slices "
-            "(diagnosis.recordings: slices) and orientation"
-        )
 
     def checked(self, transform: sitk.Euler3DTransform) -> Alignment:
         """Measure the quality of a transform's fit, and check that it is good enough.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy import ndimage
@@ -12,6 +13,7 @@ from skimage.measure import block_reduce
 from ...base.errors import InputError
 from ...base.geometry import Grid, ImageProtocol, OrbitGeometry
 from ...base.streams import Branch, branch
+from ...io.volumes import Volume
 from ...physics.chain import Chain
 from ...physics.state import AIR
 from ...reconstruction.images import reconstruct_hu
@@ -29,13 +31,65 @@ from ..selection.forward_selection import Choice
 from ..workload import samples_for
 from .model import REALIZATIONS
 from .prepared import PreparedImages, prepare
-from .scan import MARGIN_MM, MOST_SLICES, finer_scan, imaged_object
+from .scan import MARGIN_MM, MOST_SLICES, ImagedObject, finer_scan, imaged_object
 
 FINER = 2  # pixels, views and voxels of the images that show the error of finite ones
 CUT_OFF = 2  # voxels next to constant air that are excluded
 LEAST_INDEPENDENT = 4  # slices with independent noise
 LEAST_CORRELATED = 0.03  # correlation of the noise of slices below which it is estimation noise
 LEAST_SLICES = 4  # fewer do not show noise correlation along z, and cannot be split for a single repeat
+
+
+@dataclass(frozen=True)
+class ComparedVoxels:
+    """Voxels of a recording that are compared, around the isocenter.
+
+    Attributes
+    ----------
+    grid : Grid
+    valid : ndarray of bool, shape (z, y, x)
+        Voxels of `grid` that are seen from all directions.
+    slices, window, binned
+        See ImagedObject.
+    made : Grid
+        Voxels that are reconstructed; `grid` is at `shown` of them.
+    """
+
+    grid: Grid
+    valid: np.ndarray
+    slices: slice
+    window: tuple[slice, slice]
+    binned: int
+    made: Grid
+    shown: slice
+
+    @classmethod
+    def of_phantom(cls, whole: Grid, protocol: ImageProtocol) -> ComparedVoxels:
+        """Return the voxels of images of the study's phantom."""
+        valid = complete(protocol.geometry, whole)
+        slices = central_slices(valid)
+        grid = Grid((valid[slices].shape[0], *whole.shape[1:]), whole.spacing)
+        # Iterative reconstruction needs the whole object; filtered back-projection reconstructs slice by slice.
+        made, shown = (grid, slice(None)) if protocol.algorithm == "fbp" else (whole, slices)
+        return cls(grid, valid[slices], slices, (slice(None), slice(None)), 1, made, shown)
+
+    @classmethod
+    def of_object(cls, imaged: ImagedObject, spacing: Sequence[float], request: DiagnosisRequest) -> ComparedVoxels:
+        """Return the voxels of images of an object, one slice of a prism."""
+        count = 1 if imaged.prism else imaged.slices.stop - imaged.slices.start
+        sides = ((part.stop - part.start) // imaged.binned for part in imaged.window)
+        grid = Grid((count, *sides), (spacing[0], *(imaged.binned * step for step in spacing[1:])))
+        seen = (within_field_of_view if imaged.prism else complete)(request.protocol.geometry, grid)
+        valid = seen & around(grid, imaged.radius_mm, request.settings.location)
+        return cls(grid, valid, imaged.slices, imaged.window, imaged.binned, grid, slice(None))
+
+    def taken(self, repeats: Sequence[Volume], mirrored: bool) -> np.ndarray | None:
+        """Return these voxels of volumes, HU, shape (repeats, z, y, x); None if there are no volumes."""
+        if not len(repeats):
+            return None
+        found = np.stack([repeat.array[self.slices, *self.window] for repeat in repeats])
+        found = block_reduce(found, (1, 1, self.binned, self.binned), np.mean).astype(np.float32)
+        return found[..., ::-1] if mirrored else found
 
 
 def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nominal: NominalSettings) -> PreparedImages:
@@ -48,66 +102,37 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     InputError
         If too few slices are seen from all directions.
     """
-    protocol, settings = request.protocol, request.settings
-    scene, geometry = scene_of(request), protocol.geometry
-    # The pixels of images of an object are small (scan.PIXEL_OVER_VOXEL).
-    samples = samples_for(settings.samples, settings.of_shapes and settings.of_phantom, geometry.shape)
-    detector = {"sensor": nominal.sensor, "readout": AIR}
-    chains = model_and_floor(scene, geometry, samples, **detector)
-    imaged = None if settings.of_phantom else imaged_object(request, recording.grid)
-    of_slices = imaged is not None and imaged.prism
-    if of_slices:
-        chains = chains[0], Chain(scene, finer_scan(protocol, FINER).geometry, samples=samples, **detector)
-    whole = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
-    binned, box = 1, (slice(None), slice(None))
-    if imaged is None:
-        valid = complete(geometry, whole)
-        slices = central_slices(valid)
-    else:
-        slices, binned, box = imaged.slices, imaged.binned, imaged.window
-        count = 1 if of_slices else slices.stop - slices.start
-        sides = ((part.stop - part.start) // binned for part in box)
-        whole = Grid((count, *sides), (whole.spacing[0], *(binned * step for step in whole.spacing[1:])))
-        seen = within_field_of_view(geometry, whole) if of_slices else complete(geometry, whole)
-        valid = seen & around(whole, imaged.radius_mm, settings.location)
-    shown = slice(None) if imaged is not None else slices
-    grid = Grid((valid[shown].shape[0], *whole.shape[1:]), whole.spacing)
-    # Iterative reconstruction needs the whole object; filtered back-projection reconstructs slice by slice.
-    made, shown_of_made = (grid, slice(None)) if protocol.algorithm == "fbp" else (whole, shown)
-
-    def reconstruct(lines: np.ndarray) -> np.ndarray:
-        return _reconstructed(protocol, request, lines, geometry, made)[:, shown_of_made]
-
-    def reconstruct_finely(lines: np.ndarray) -> np.ndarray:
-        fine = Grid(
-            (1, *(FINER * n for n in made.shape[1:])), (made.spacing[0], *(step / FINER for step in made.spacing[1:]))
+    protocol, settings, scene = request.protocol, request.settings, scene_of(request)
+    if settings.of_phantom:
+        of_slices, voxels = (
+            False,
+            ComparedVoxels.of_phantom(replace(recording.grid, centre_mm=(0.0, 0.0, 0.0)), protocol),
         )
-        images = _reconstructed(finer_scan(protocol, FINER), request, lines, chains[1].geometry, fine)
-        return block_reduce(images, (1, 1, FINER, FINER), np.mean)
-
-    def arrays(repeats):
-        if not len(repeats):
-            return None
-        found = np.stack([repeat.array[slices, *box] for repeat in repeats])
-        found = block_reduce(found, (1, 1, binned, binned), np.mean).astype(np.float32)
-        if request.mirrored:
-            found = found[..., ::-1]
-        return found
-
-    repeats, further, slices_variance = arrays(recording.repeats), arrays(recording.held_out), None
+    else:
+        imaged = imaged_object(request, recording.grid)
+        of_slices, voxels = imaged.prism, ComparedVoxels.of_object(imaged, recording.grid.spacing, request)
+    repeats, further = (voxels.taken(part, request.mirrored) for part in (recording.repeats, recording.held_out))
+    valid, slices_variance, finely = voxels.valid, None, None
+    # The pixels of images of an object are small (scan.PIXEL_OVER_VOXEL).
+    samples = samples_for(settings.samples, settings.of_shapes and settings.of_phantom, protocol.geometry.shape)
+    detector = {"sensor": nominal.sensor, "readout": AIR}
+    chains = model_and_floor(scene, protocol.geometry, samples, **detector)
+    reconstruct = partial(_reconstructed, protocol, request, voxels.made, voxels.shown)
     if of_slices:
+        finer = finer_scan(protocol, FINER)
+        chains = chains[0], Chain(scene, finer.geometry, samples=samples, **detector)
+        finely = partial(_reconstructed_finely, finer, request, voxels.made)
         # Scanners set air to one value; edges next to such voxels are cut off, too.
         valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
         slices_variance = correlated_variance(repeats, valid[0])
         repeats, further = (None if stacks is None else slices_as_repeats(stacks) for stacks in (repeats, further))
-
     return prepare(
         repeats,
         further,
         *chains,
         reconstruct,
-        grid.spacing,
-        valid[shown],
+        voxels.grid.spacing,
+        valid,
         branch(request.seed, Branch.SIMULATED_IMAGES),
         anode=nominal.anode,
         tube_kvp=nominal.tube_kvp,
@@ -116,23 +141,33 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         declared=declared(settings.baseline, BASELINE_CONFIG_KEY),
         location=settings.location,
         slices_variance=slices_variance,
-        reconstruct_finely=reconstruct_finely if of_slices else None,
+        reconstruct_finely=finely,
     )
 
 
 def _reconstructed(
-    protocol: ImageProtocol, request: DiagnosisRequest, lines: np.ndarray, geometry: OrbitGeometry, grid: Grid
+    protocol: ImageProtocol, request: DiagnosisRequest, grid: Grid, shown: slice, lines: np.ndarray
 ) -> np.ndarray:
     return reconstruct_hu(
         lines.astype(np.float32),
-        geometry,
+        protocol.geometry,
         grid,
         protocol.algorithm,
         protocol.settings,
         protocol.engine,
         request.mu_water_per_mm,
         request.threads,
-    )
+    )[:, shown]
+
+
+def _reconstructed_finely(
+    protocol: ImageProtocol, request: DiagnosisRequest, grid: Grid, lines: np.ndarray
+) -> np.ndarray:
+    """Return the means of FINER x FINER voxels for each voxel of one slice."""
+    spacing = (grid.spacing[0], *(step / FINER for step in grid.spacing[1:]))
+    fine = Grid((1, *(FINER * n for n in grid.shape[1:])), spacing)
+    images = _reconstructed(protocol, request, fine, slice(None), lines)
+    return block_reduce(images, (1, 1, FINER, FINER), np.mean)
 
 
 def within_field_of_view(geometry: OrbitGeometry, grid: Grid) -> np.ndarray:

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from skimage.measure import block_reduce
 
+from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...base.units import HU_AIR
-from ...io.volumes import Volume
 from ...physics.scenes.objects import ShapedObject
 from ...physics.scenes.scene import Pose
 from ...physics.scenes.shapes import cylinder
 from ...recordings.images import ImagesRecording
-from ...recordings.registration import Search
+from ...recordings.in_plane import find
+from ...recordings.registration import LEAST_CORRELATION
 from ..comparison.regions import ScannedVolume, sampled
-from ..images.scan import ImagedObject, imaged_object, with_scan
+from ..images.scan import imaged_object, with_scan
 from ..request import DiagnosisRequest
 from .finding import AS_STATED, SetupResult
 
-LEAST_VOXEL_MM = 1.0  # of the images that are registered
 CLEARLY_BETTER = 0.05  # correlation inside an object that was mounted the other way round, over that as stated
-PRISM_SLICES = 4  # copies of a slice, as the registration works on volumes
+LEAST_CONTRAST_HU, LEAST_INSIDE = 20.0, 0.6  # contrast that can be seen inside an object, and correlation there
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ def drawn_object(request: DiagnosisRequest, recording: ImagesRecording) -> Scann
 
 
 def locate(recording: ImagesRecording, request: DiagnosisRequest) -> ObjectLocated:
-    """Register the object with the mean of the repeats.
+    """Register the object with the mean of all slices and repeats.
 
     Raises
     ------
@@ -75,43 +74,31 @@ def locate(recording: ImagesRecording, request: DiagnosisRequest) -> ObjectLocat
         If the object does not fit.
     """
     request = with_scan(request, recording)
-    imaged = imaged_object(request, recording.grid)
-    mean = np.mean([repeat.array[imaged.slices] for repeat in recording.repeats], axis=0, dtype=np.float64)
-    image = _image(mean, recording.grid, imaged)
-    drawn, stated = drawn_object(request, recording), request.settings.location
-    height = Pose(z_mm=stated.get("z_mm", 0.0))
+    imaged, drawn, stated = imaged_object(request, recording.grid), drawn_object(request, recording).fine, {}
+    taken = np.mean([repeat.array[imaged.slices] for repeat in recording.repeats], axis=0, dtype=np.float64)
+    image, spacing = taken.mean(axis=0), recording.grid.spacing
+    if not imaged.prism and "z_mm" in request.settings.location:
+        stated = {"z_mm": request.settings.location["z_mm"]}
 
-    def expected(pose: Pose) -> np.ndarray:
-        return sampled(drawn.fine.array, drawn.fine.grid, image.grid, pose, order=1, outside=HU_AIR)
+    def expected(shape: tuple[int, ...], spacing_mm: tuple[float, ...]) -> np.ndarray:
+        on = Grid((1 if imaged.prism else len(taken), *shape), (spacing[0], *spacing_mm))
+        return sampled(drawn.array, drawn.grid, on, Pose(**stated), order=1, outside=HU_AIR).mean(axis=0)
 
+    known = expected(drawn.grid.shape[1:], drawn.grid.spacing[1:]), drawn.grid.spacing
+    found = find(image, spacing, *known)
     # An object that is constant along z may be seen from its other end.
-    views = {False: image} | ({True: replace(image, array=image.array[..., ::-1].copy())} if imaged.prism else {})
-    phantom = Volume(expected(height).astype(np.float32), image.grid)
-    searches = {mirrored: Search(view, phantom, recording.name) for mirrored, view in views.items()}
-    starts = {mirrored: search.coarse_in_plane() for mirrored, search in searches.items()}
-    mirrored = bool(len(starts) > 1 and starts[True][0] > starts[False][0] + CLEARLY_BETTER)
-    transform = searches[mirrored].refine_in_plane(starts[mirrored][1])
-    searches[mirrored].checked_in_plane(transform)
-    image = views[mirrored]
-    x, y = transform.TransformPoint((0.0, 0.0, 0.0))[:2]
-    turn = np.rad2deg(transform.GetAngleZ())
-    location = {"x_mm": float(x), "y_mm": float(y), "turn_deg": float(turn)} | (
-        {"z_mm": stated["z_mm"]} if "z_mm" in stated and not imaged.prism else {}
-    )
-    middle = image.array.shape[0] // 2
-    rest = [image.array[middle] - expected(pose)[middle] for pose in (height, Pose(**location))]
-    share = [float(np.var(part) / np.var(image.array[middle])) for part in rest]
-    return ObjectLocated(AS_STATED, {}, (), share[0], share[1], location, mirrored, *rest)
-
-
-def _image(mean: np.ndarray, grid: Grid, imaged: ImagedObject) -> Volume:
-    """Return slices on voxels of about LEAST_VOXEL_MM, centered at the isocenter; of a prism, copies of one slice."""
-    if imaged.prism:
-        mean = np.repeat(mean.mean(axis=0, keepdims=True), PRISM_SLICES, axis=0)
-    sides = mean.shape[1:]
-    many = max(1, round(LEAST_VOXEL_MM / grid.spacing[1]))
-    if any(side % many for side in sides):
-        many = 1
-    cut = block_reduce(mean, (1, many, many), np.mean)
-    spacing = (grid.spacing[0], *(many * step for step in grid.spacing[1:]))
-    return Volume(cut.astype(np.float32), Grid(cut.shape, spacing))
+    other = find(image[:, ::-1], spacing, *known) if imaged.prism else found
+    mirrored = other.inside > found.inside + CLEARLY_BETTER
+    if mirrored:
+        found, image = other, image[:, ::-1]
+    least = LEAST_INSIDE if found.contrast > LEAST_CONTRAST_HU else -1.0
+    if found.correlation < LEAST_CORRELATION or found.inside < least:
+        raise InputError(
+            f"recording {recording.name}: the object does not fit the images: correlation {found.correlation:.2f} (at "
+            f"least {LEAST_CORRELATION:g}), inside {found.inside:.2f} (at least {least:g}); check object, slices "
+            "(diagnosis.recordings: slices) and orientation"
+        )
+    location = {"x_mm": found.x_mm, "y_mm": found.y_mm, "turn_deg": found.turn_deg} | stated
+    rest = [image - expected(image.shape, spacing[1:]), image - found.fitted]
+    share = [float(np.var(part) / np.var(image)) for part in rest]
+    return ObjectLocated(AS_STATED, {}, (), *share, location, mirrored, *rest)
