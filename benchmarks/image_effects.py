@@ -155,7 +155,7 @@ def recorded(kind, number, seed):
 
 def diagnosed(case):
     """Row of one case."""
-    kind, number, seed, wanted = case
+    kind, number, seed, wanted, own_simulation = case
     images, name, values = recorded(kind, number, seed)
     detector = dict(columns=COLUMNS, rows=1, column_pitch_mm=MM, row_pitch_mm=MM)
     geometry = circular(views=VIEWS, **parallel_beam(), **detector)
@@ -167,9 +167,12 @@ def diagnosed(case):
     def reconstruct(lines):
         return reconstruct_hu(lines.astype(np.float32), geometry, grid, "fbp", FbpSettings("coverage"), "cpu", WATER)
 
-    prepared = prepare(
-        images, None, *chains, reconstruct, grid.spacing, valid, np.random.SeedSequence(seed), slices_variance=1.0
-    )
+    known = {}
+    if own_simulation:
+        image = 1000 * (back_projected(sinogram(name), "ramp") / WATER - 1)
+        known = {"known_image": image[None].astype(np.float32)}
+    random = np.random.SeedSequence(seed)
+    prepared = prepare(images, None, *chains, reconstruct, grid.spacing, valid, random, slices_variance=1.0, **known)
     chosen = choose(prepared.fitter, trial(prepared.fitter, ()), wanted)
     content = diagnose(kind, prepared, chosen).content
     named = [one["name"] for one in content["effects"]]
@@ -196,13 +199,16 @@ def diagnosed(case):
 def add_arguments(parser):
     common.add_realizations(parser, 5, out="image_effects.csv")
     parser.add_argument("--seed", type=int, default=1, help=f"{FINAL_SEED}: final cases")
+    parser.add_argument("--own-simulation", action="store_true", help="compare with images by scikit-image")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
 
 
 def run(options):
     wanted = tuple(name for name in (*image_effects(), *FURTHER) if DIFFERENT_SLICES not in load(name).needs)
     numbers = range(options.first, options.first + options.draws)
-    cases = [(kind, number, options.seed, wanted) for number in numbers for kind in options.kinds]
+    cases = [
+        (kind, number, options.seed, wanted, options.own_simulation) for number in numbers for kind in options.kinds
+    ]
     fields = ["kind", "object", "number", "verdict", "named", "group", "score", "intervals", "covered", "values"]
     rows = []
     for (row,) in common.parallel_rows(_rows, cases, options, fields):

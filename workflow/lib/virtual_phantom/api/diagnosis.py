@@ -71,7 +71,8 @@ def diagnose(
     phantom : str or Path, optional
         NIfTI image in HU.
     simulation : str or Path, optional
-        HDF5 file of your own simulation of the recording (docs/getting-started/own-simulation.md).
+        Your own simulation of the recording: HDF5 file of projections, or NIfTI file or DICOM folder of images
+        (docs/getting-started/own-simulation.md).
     unknown : bool, optional
         The object is not known: no effect is fitted, and only the data are checked.
     effects : sequence of str, optional

@@ -27,7 +27,7 @@ from ...recordings.recording import Recording
 from ...statistics.image_quality import LEAST_ROI_VOXELS
 from ...statistics.resolution import signed_distance_mm
 from ..request import DiagnosisRequest
-from ..scanned_object import labelled_object, read_mask, shaped_object
+from ..scanned_object import labelled_object, read_mask, shaped_object, simulated_slice
 from ..settings import LabelledObject, ShapesObject
 from .agreement import INNER_VOXELS, Regions
 
@@ -82,6 +82,9 @@ class ScannedVolume:
         settings, mu_water_per_mm = request.settings, request.mu_water_per_mm
         if settings.disc is not None:
             return None
+        if settings.simulation is not None and recording.kind == "images":
+            simulated = simulated_slice(request)
+            return cls._drawn(simulated.array.astype(np.float32), simulated.grid)
         if settings.simulation is not None:
             try:
                 return cls.of_simulation(scene)

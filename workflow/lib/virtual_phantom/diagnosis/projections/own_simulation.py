@@ -36,7 +36,6 @@ MOST_RAYS = 4  # per pixel and direction, as for shapes
 TOLERANCE = 1e-4  # largest difference of line integrals from the simulation; a tenth of a low noise
 MOST_CORRECTIONS = 60  # before a simulation is refused: a factor of 0.85 each would reach the tolerance
 PATH_LENGTHS = "path_lengths_mm"  # group of a simulation's file
-IMAGES = (".nii", ".gz", ".dcm")  # endings of files of images
 
 
 def scene_of_scan(request: DiagnosisRequest, recording: ProjectionsRecording) -> Scene:
@@ -61,8 +60,6 @@ def simulated_scene(request: DiagnosisRequest, recording: ProjectionsRecording) 
         If the simulation does not fit the recording, or declared physics cannot be removed from it.
     """
     settings, path = request.settings, Path(request.settings.simulation)
-    if path.is_dir() or path.suffix in IMAGES:
-        raise InputError(f"{path}: a simulation in images is not supported; give its projections as HDF5")
     geometry = finer_geometry(path, recording.geometry)
     acquisition = read_acquisition(path, geometry)
     lines = acquisition.line_integrals(LEAST_TRANSMISSION).astype(np.float64)
