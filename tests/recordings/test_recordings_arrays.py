@@ -183,6 +183,10 @@ def test_nikon_scan(tmp_path):
     assert recording.repeats[0].white.max() == 40_000
     assert np.degrees(recording.geometry.angles_rad[:2]) == pytest.approx([10, 40])
     assert recording.nominal["tube_kvp"] == 70 and recording.nominal["tube_current_ma"] == 0.3
+    angles = "".join(f"{view + 1}:\t{-30 * view:.3f}\n" for view in range(VIEWS))
+    (tmp_path / "scan.ang").write_text(f"Proj\tAngle(deg)\n{angles}")
+    listed = import_xtekct(tmp_path / "scan.xtekct", tmp_path / "listed", images=str(tmp_path / "images"))
+    assert np.degrees(listed.geometry.angles_rad[:2]) == pytest.approx([0, 30])  # the direction of AngularStep
     (tmp_path / "scan.ang").write_text("Proj\tAngle(deg)\n1:\t000.000\n2:\t-030.000\n")
     with pytest.raises(InputError, match="has 2 angles for 12 images"):
         import_xtekct(tmp_path / "scan.xtekct", tmp_path / "other", images=str(tmp_path / "images"))

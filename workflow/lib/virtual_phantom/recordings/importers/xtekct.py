@@ -77,6 +77,9 @@ def import_xtekct(
     listed = source.with_suffix(".ang")
     if listed.is_file():
         angles = read_angles(listed)
+        if (angles[-1] - angles[0]) * _number(source, stated, "AngularStep") < 0:
+            angles = -angles  # right for the six balls of a real scan, and CIL only uses AngularStep
+            note(f"{listed}: its angles have the opposite sign of AngularStep, whose direction is used")
     else:
         angles = _number(source, stated, "InitialAngle") + _number(source, stated, "AngularStep") * np.arange(len(data))
     if len(angles) != len(data):
