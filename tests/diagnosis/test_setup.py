@@ -141,7 +141,7 @@ def test_other_object_is_distinguished_from_a_wrong_description(lines):
 
 def test_noise_of_one_repeat_is_no_other_object():
     """At 100 photons, noise is a third of the variance of line integrals."""
-    scan = SCAN | {"rows": 1, "columns": 40, "views": 36, "views_per_rotation": 36}
+    scan = SCAN | {"rows": 1, "columns": 40, "views": 20, "views_per_rotation": 20}
     disc, rods, air = (
         ShapesScene([cylinder("water", (x, 0.0, 0.0), radius) for x, radius in rods], 60.0)
         for rods in ([(0.0, 20.0)], [(-16.0, 10.0), (16.0, 10.0)], [(0.0, 0.01)])

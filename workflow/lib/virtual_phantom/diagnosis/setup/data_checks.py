@@ -21,7 +21,9 @@ SOLID_ANGLE = "solid_angle"
 # Tolerance of the exponent of the solid angle about 0 or 1. Bowties and heel effect give other exponents.
 NEAR = 0.15
 LEAST_SPAN = 0.01  # of the logarithm of the solid angle over the detector: a smaller span shows nothing
-BINS, FEWEST_IN_BIN = 12, 100  # of the transmission, for noise against signal; fewest rays, as all rays over this
+# Bins of the transmission, for noise against signal: at most 12, with 100 rays on average. Bins with a hundredth of all
+# rays are used.
+BINS, RAYS_PER_BIN, FEWEST_IN_BIN = 12, 100, 100
 SMOOTH = 5  # views and columns over which the signal is averaged
 SECOND_DIFFERENCE = 6.0  # variance of a second difference of independent values, relative to theirs
 EXPLAINED = 0.5  # least share of the variance of the white field, by the solid angle and a slope along either axis
@@ -140,12 +142,13 @@ def noise_by_transmission(
         The result is None for too few rays, or without noise.
     """
     keep = np.isfinite(differences)
-    if np.count_nonzero(keep) < 100 * BINS:
+    count = min(BINS, np.count_nonzero(keep) // RAYS_PER_BIN)
+    if count < 2:
         return None
     noise, transmission = (differences * transmission)[keep], transmission[keep]
-    edges = np.linspace(transmission.min(), transmission.max(), BINS + 1)
-    which = np.clip(np.searchsorted(edges, transmission, side="right") - 1, 0, BINS - 1)
-    rays = np.bincount(which, minlength=BINS)
+    edges = np.linspace(transmission.min(), transmission.max(), count + 1)
+    which = np.clip(np.searchsorted(edges, transmission, side="right") - 1, 0, count - 1)
+    rays = np.bincount(which, minlength=count)
     bins = np.flatnonzero(rays > rays.sum() / FEWEST_IN_BIN)
     signal, variance = (
         np.array([np.median(part[which == k]) for k in bins]) for part in (transmission, noise**2 / MEDIAN_SQUARE)
