@@ -1,10 +1,12 @@
-"""Diagnose images with one hidden effect of image formation (13 minutes of CPU time).
+"""Diagnose images with hidden effects of image formation (20 s of CPU time for a case).
 
-Sinograms of the Catphan 504 and ACR 464 modules are computed from chords of circles, with attenuation from xraylib and
-Poisson noise, and reconstructed with scikit-image. Virtual Phantom takes no part in them. A group of k effects that are
-named as equal scores 1/k. A case depends on its seed, kind and number only. Seed 1 was used for development.
-FINAL_SEED was drawn afterwards.
+Objects are modules of the Catphan 504 and the ACR 464, with attenuation from xraylib. Sinograms are chords of circles,
+or projections of voxels by ASTRA or XCIST; scikit-image reconstructs them. Virtual Phantom only starts XCIST. A group
+of k effects that are named as equal scores 1/k. A case depends on its simulator, seed, kind and number only. Finished
+cases in the output are not repeated. Seeds 1 and 5353 were used for development; FINAL_SEEDS were drawn afterwards.
 """
+
+from pathlib import Path
 
 import numpy as np
 import xraylib
@@ -26,22 +28,26 @@ from virtual_phantom.physics.effect import DIFFERENT_SLICES, image_effects, load
 from virtual_phantom.physics.scenes.objects import read_object
 from virtual_phantom.physics.scenes.shapes import ShapesScene
 from virtual_phantom.physics.state import AIR
+from virtual_phantom.proof.hiding.xcist import Materials, Scan, attenuation_per_mm, simulate
 from virtual_phantom.reconstruction.images import reconstruct_hu
 
 ONE_THREAD = True
-FINAL_SEED = 5353
+FINAL_SEEDS = {"xcist": 8311, "astra": 8312}
 OBJECTS = ("catphan504_ctp404", "acr464_module1")
 KEV, COLUMNS, MM, VIEWS, SLICES, PHOTONS = 60.0, 75, 3.0, 120, 8, 1e5
 SUBRAYS = 64
 POSITION = (np.arange(COLUMNS) - COLUMNS // 2) * MM
 ANGLES = np.arange(VIEWS) * 2 * np.pi / VIEWS
+FAR_MM = 2e5  # from XCIST's source to the object: rays are parallel within 0.06 mm
+VOXEL_MM = 0.25  # of objects for ASTRA and XCIST
+NOTHING = 10  # cases without effect for each case of the other kinds
 WATER = xraylib.CS_Total_CP("H2O", KEV) / 10  # per mm
 FILTERS = ("shepp-logan", "cosine", "hamming", "hann")
 FURTHER = ("scatter", "spectrum")  # candidates beside the effects on images
 # Effect that a kind of case hides; other kinds have the name of the effect.
-EFFECT = dict.fromkeys(FILTERS[1:], "reconstruction_kernel") | {"boost": "reconstruction_kernel"}
+EFFECT = dict.fromkeys(FILTERS, "reconstruction_kernel") | {"boost": "reconstruction_kernel"}
 KINDS = (
-    *FILTERS[1:],
+    *FILTERS,
     "boost",
     "residual_cupping",
     "crescent",
@@ -50,8 +56,17 @@ KINDS = (
     "resampling",
     "hu_calibration",
     "rings",
+    "hann+crescent",
+    "cosine+hu_calibration",
+    "boost+residual_cupping",
+    "hamming+rings",
+    "crescent+hu_calibration",
+    "hann+truncation",
+    "resampling+residual_cupping",
+    "contrast_dependent_resolution+hu_calibration",
     "nothing",
 )
+FIELDS = ["kind", "object", "number", "verdict", "named", "group", "score", "intervals", "covered", "values"]
 
 
 def circles(name):
@@ -74,7 +89,7 @@ def circles(name):
     return found
 
 
-def sinogram(name):
+def chords(name):
     """Line integrals, shape (views, columns), mean transmission of SUBRAYS rays."""
     fine = (POSITION[:, None] + (np.arange(SUBRAYS) - (SUBRAYS - 1) / 2) * MM / SUBRAYS).ravel()
     found, before = np.zeros((VIEWS, fine.size)), []
@@ -84,7 +99,54 @@ def sinogram(name):
         chord = 2 * np.sqrt(np.maximum(radius**2 - (fine - across[:, None]) ** 2, 0))
         found += (mu - (inside[-1][3] if inside else 0.0)) * chord
         before.append((x, y, radius, mu))
-    return -np.log(np.exp(-found).reshape(VIEWS, COLUMNS, SUBRAYS).mean(axis=2))
+    return mean_transmission(found)
+
+
+def mean_transmission(lines):
+    """Line integrals of columns, from those of equal numbers of rays in each, shape (views, rays)."""
+    return -np.log(np.exp(-lines).reshape(VIEWS, COLUMNS, -1).mean(axis=2))
+
+
+def voxels(name):
+    """Attenuation per mm, shape (y, x), with partial volumes at edges."""
+    count = round(COLUMNS * MM / VOXEL_MM)
+    axis = (np.arange(count) - (count - 1) / 2) * VOXEL_MM
+    found = np.zeros((count, count))
+    for x, y, radius, mu in circles(name):
+        share = np.clip((radius - np.hypot(axis - x, axis[:, None] - y)) / VOXEL_MM + 0.5, 0, 1)
+        found += share * (mu - found)
+    return found
+
+
+def by_astra(name):
+    """Line integrals of voxels by ASTRA, shape (views, columns), mean transmission of one ray per voxel."""
+    import astra
+
+    mu = voxels(name)
+    half = len(mu) * VOXEL_MM / 2
+    volume = astra.create_vol_geom(*mu.shape, -half, half, -half, half)
+    detector = astra.create_proj_geom("parallel", VOXEL_MM, len(mu), -ANGLES)
+    projector = astra.create_projector("linear", detector, volume)
+    number, lines = astra.create_sino(mu[::-1], projector)
+    astra.data2d.delete(number)
+    astra.projector.delete(projector)
+    return mean_transmission(lines)
+
+
+def by_xcist(name, random):
+    """Noisy line integrals of voxels by XCIST, shape (slices, views, columns)."""
+    water = attenuation_per_mm("water", KEV)
+    scanned = Materials({"water": (voxels(name) / WATER)[None].astype(np.float32)}, (VOXEL_MM, 10 * MM))
+    scan = Scan(VIEWS, COLUMNS, 1, MM, MM, FAR_MM, FAR_MM + 1, KEV, PHOTONS)
+    taken = simulate(scan, scanned, SLICES, np.random.SeedSequence(int(random.integers(2**31))))
+    lines = -np.log(np.maximum(taken.readings, 1e-6) / taken.air)[:, :, 0]
+    return lines[:, -np.arange(VIEWS)] * WATER / water  # XCIST rotates in the other direction
+
+
+def by_poisson(lines, random):
+    """Noisy line integrals, shape (slices, views, columns)."""
+    counts = random.poisson(PHOTONS * np.exp(-lines), (SLICES, *lines.shape))
+    return -np.log(np.maximum(counts, 0.5) / PHOTONS)
 
 
 def back_projected(lines, filter_name):
@@ -108,7 +170,6 @@ def changed_lines(lines, kind, size, random, values):
         return lines + errors
     if kind == "truncation":
         values["radius_mm"] = MM * (random.integers(23, 32) + 0.5)  # edge of the last element
-        return np.where(np.abs(POSITION) <= values["radius_mm"], lines, 0)
     return lines
 
 
@@ -138,25 +199,32 @@ def _interpolated(image, positions, axis, order):
     return np.moveaxis(ndimage.map_coordinates(lines, at, order=order, mode="nearest"), -1, axis)
 
 
-def recorded(kind, number, seed):
+def recorded(simulator, kind, number, seed):
     """Slices (slices, 1, rows, columns) of a case in HU, its object, and the true values by parameter."""
     random = np.random.default_rng(np.random.SeedSequence([seed, KINDS.index(kind), number]))
-    name, size, pixel, values = OBJECTS[number % 2], random.uniform(0.7, 1.5), random.uniform(1.5, 3.5), {}
-    lines = changed_lines(sinogram(name), kind, size, random, values)
-    filter_name = kind if kind in FILTERS else "hann" if kind == "boost" else "ramp"
-    counts = random.poisson(PHOTONS * np.exp(-lines), (SLICES, *lines.shape))
-    noisy = -np.log(np.maximum(counts, 0.5) / PHOTONS)
-    if kind == "truncation":
-        noisy[..., np.abs(POSITION) > values["radius_mm"]] = 0
-    image = [back_projected(one, filter_name) for one in noisy]
-    image = changed_image(1000 * (np.stack(image) / WATER - 1), kind, size, pixel, values)
+    name, kinds, values = OBJECTS[(number + KINDS.index(kind)) % 2], kind.split("+"), {}
+    size, pixel = random.uniform(0.7, 1.5), random.uniform(1.5, 3.5)
+    if simulator == "xcist":
+        noisy = by_xcist(name, random)
+        for one in kinds:
+            noisy = changed_lines(noisy, one, size, random, values)
+    else:
+        lines = {"chords": chords, "astra": by_astra}[simulator](name)
+        for one in kinds:
+            lines = changed_lines(lines, one, size, random, values)
+        noisy = by_poisson(lines, random)
+    noisy[..., np.abs(POSITION) > values.get("radius_mm", np.inf)] = 0
+    filter_name = next((one for one in kinds if one in FILTERS), "hann" if "boost" in kinds else "ramp")
+    image = 1000 * (np.stack([back_projected(one, filter_name) for one in noisy]) / WATER - 1)
+    for one in kinds:
+        image = changed_image(image, one, size, pixel, values)
     return image[:, None].astype(np.float32), name, values
 
 
 def diagnosed(case):
     """Row of one case."""
-    kind, number, seed, wanted, own_simulation = case
-    images, name, values = recorded(kind, number, seed)
+    simulator, kind, number, seed, wanted, own_simulation = case
+    images, name, values = recorded(simulator, kind, number, seed)
     detector = dict(columns=COLUMNS, rows=1, column_pitch_mm=MM, row_pitch_mm=MM)
     geometry = circular(views=VIEWS, **parallel_beam(), **detector)
     grid = Grid(images.shape[1:], (MM, MM, MM))
@@ -167,19 +235,27 @@ def diagnosed(case):
     def reconstruct(lines):
         return reconstruct_hu(lines.astype(np.float32), geometry, grid, "fbp", FbpSettings("coverage"), "cpu", WATER)
 
-    known = {}
+    own = None
     if own_simulation:
-        image = 1000 * (back_projected(sinogram(name), "ramp") / WATER - 1)
-        known = {"known_image": image[None].astype(np.float32)}
+        own = 1000 * (back_projected(by_astra(name), "ramp") / WATER - 1)[None].astype(np.float32)
     random = np.random.SeedSequence(seed)
-    prepared = prepare(images, None, *chains, reconstruct, grid.spacing, valid, random, slices_variance=1.0, **known)
+    options = {"slices_variance": 1.0, "known_image": own}
+    prepared = prepare(images, None, *chains, reconstruct, grid.spacing, valid, random, **options)
     chosen = choose(prepared.fitter, trial(prepared.fitter, ()), wanted)
     content = diagnose(kind, prepared, chosen).content
     named = [one["name"] for one in content["effects"]]
-    group = {named[0], *content["ambiguous_with"].get(named[0], ())} if named else set()
-    truth = EFFECT.get(kind, kind)
-    first = [one["parameters"] for one in content["effects"][:1] if one["name"] == truth]
-    held = {key: parameters[key]["ci95"] for parameters in first for key in values}
+    groups = [{one, *content["ambiguous_with"].get(one, ())} for one in named]
+    truths = [EFFECT.get(one, one) for one in kind.split("+")]
+    shares = [max((1 / len(group) for group in groups if truth in group), default=0) for truth in truths]
+    if len(truths) == 1:  # the first effect counts
+        shares = [1 / len(group) if truths[0] in group else 0 for group in groups[:1]]
+    known = {
+        key: value["ci95"]
+        for one in content["effects"]
+        for key, value in one["parameters"].items()
+        if one["name"] in truths
+    }
+    held = {key: known[key] for key in values if key in known}
     covered = sum(low <= values[key] <= high for key, (low, high) in held.items())
     texts = [f"{key} {low:.3g} to {high:.3g}, true {values[key]:.3g}" for key, (low, high) in held.items()]
     return {
@@ -188,8 +264,8 @@ def diagnosed(case):
         "number": number,
         "verdict": content["verdict"],
         "named": " + ".join(named),
-        "group": " ".join(sorted(group)),
-        "score": f"{1 / len(group) if truth in group else 0:.3g}",
+        "group": " ".join(sorted(set().union(*groups[: len(truths)]))),
+        "score": f"{np.prod(shares) if shares else 0:.3g}",
         "intervals": len(held),
         "covered": covered,
         "values": "; ".join(texts),
@@ -197,28 +273,37 @@ def diagnosed(case):
 
 
 def add_arguments(parser):
-    common.add_realizations(parser, 5, out="image_effects.csv")
-    parser.add_argument("--seed", type=int, default=1, help=f"{FINAL_SEED}: final cases")
-    parser.add_argument("--own-simulation", action="store_true", help="compare with images by scikit-image")
+    common.add_realizations(parser, 1, out="image_effects.csv")
+    parser.add_argument("--simulator", choices=("chords", "astra", "xcist"), default="chords")
+    parser.add_argument("--own-simulation", action="store_true", help="compare with images of line integrals by ASTRA")
+    parser.add_argument("--seed", type=int, default=1, help=f"final cases: {FINAL_SEEDS}")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
 
 
 def run(options):
     wanted = tuple(name for name in (*image_effects(), *FURTHER) if DIFFERENT_SLICES not in load(name).needs)
     numbers = range(options.first, options.first + options.draws)
-    cases = [
-        (kind, number, options.seed, wanted, options.own_simulation) for number in numbers for kind in options.kinds
-    ]
-    fields = ["kind", "object", "number", "verdict", "named", "group", "score", "intervals", "covered", "values"]
-    rows = []
-    for (row,) in common.parallel_rows(_rows, cases, options, fields):
+    drawn = [(kind, number) for number in numbers for kind in options.kinds if kind != "nothing"]
+    if "nothing" in options.kinds:
+        drawn += [("nothing", NOTHING * number + one) for number in numbers for one in range(NOTHING)]
+    np.random.default_rng(options.seed).shuffle(drawn)
+    rows = common.read_csv_rows(Path(options.out))
+    done = {(row["kind"], int(row["number"])) for row in rows}
+    more = options.seed, wanted, options.own_simulation
+    cases = [(options.simulator, *one, *more) for one in drawn if one not in done]
+    for (row,) in common.parallel_rows(_rows, cases, options, FIELDS, append=True):
         rows.append(row)
         print(", ".join(str(value) for value in row.values()), flush=True)
-    hidden = [row for row in rows if row["kind"] != "nothing"]
-    alarms = [row for row in rows if row["kind"] == "nothing" and row["named"]]
-    print(f"named first: {sum(float(row['score']) for row in hidden):.1f} of {len(hidden)}")
-    print(f"false alarms: {len(alarms)} of {len(rows) - len(hidden)}")
-    print(f"intervals that cover: {sum(row['covered'] for row in rows)} of {sum(row['intervals'] for row in rows)}")
+    pairs = [float(row["score"]) for row in rows if "+" in row["kind"]]
+    single = [float(row["score"]) for row in rows if "+" not in row["kind"] and row["kind"] != "nothing"]
+    nothing = [row for row in rows if row["kind"] == "nothing"]
+    print(f"named first: {sum(single):.1f} of {len(single)}; both of two: {sum(pairs):.1f} of {len(pairs)}")
+    further = [row for row in rows if row["kind"] != "nothing" and row["named"].count("+") > row["kind"].count("+")]
+    print(
+        f"false alarms: {sum(bool(row['named']) for row in nothing)} of {len(nothing)}; further effects: {len(further)}"
+    )
+    covered, intervals = (sum(int(row[key]) for row in rows) for key in ("covered", "intervals"))
+    print(f"intervals that cover: {covered} of {intervals}")
 
 
 def _rows(case):

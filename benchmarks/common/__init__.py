@@ -88,9 +88,9 @@ def add_realizations(parser, draws, first=0, out=None):
         parser.add_argument("--out", default=out)
 
 
-def parallel_rows(function, tasks, options, fields):
+def parallel_rows(function, tasks, options, fields, append=False):
     """Rows of each task, in order, from processes; each list is written to a CSV and yielded."""
-    with ProcessPoolExecutor(options.processes) as pool, csv_writer(options.out, fields) as write:
+    with ProcessPoolExecutor(options.processes) as pool, csv_writer(options.out, fields, append) as write:
         for rows in pool.map(function, tasks):
             write(*rows)
             yield rows

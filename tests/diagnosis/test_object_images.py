@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import yaml
+from scipy import ndimage
 from skimage.measure import block_reduce
 from skimage.transform import iradon
 
@@ -111,14 +112,26 @@ def test_other_object_is_one_clear_error(recorded):
         locate(load_recording(folder), request_of(folder, disc={"diameter_mm": 30, "material": "water"}, object=None))
 
 
+def resampled(hu, pixel_mm=1.43):
+    """Cubic interpolation to another matrix, and linear interpolation back."""
+    count = 2 * int(np.ceil(SIDE * VOXEL_MM / pixel_mm / 2)) + 2
+    there = (np.arange(count) - (count - 1) / 2) * pixel_mm / VOXEL_MM + (SIDE - 1) / 2
+    back = (np.arange(SIDE) - (SIDE - 1) / 2) * VOXEL_MM / pixel_mm + (count - 1) / 2
+    for positions, order in ((there, 3), (back, 1)):
+        at = np.meshgrid(positions, positions, indexing="ij")
+        hu = np.stack([ndimage.map_coordinates(one, at, order=order, mode="nearest") for one in hu])
+    return hu
+
+
 @pytest.mark.parametrize(
     ("change", "filter_name", "expected"),
     [
         (lambda hu: hu, "ramp", []),
         (lambda hu: 1.03 * hu + 8, "ramp", ["hu_calibration"]),
         (lambda hu: hu, "hann", ["reconstruction_kernel"]),
+        (resampled, "ramp", ["resampling"]),
     ],
-    ids=["nothing", "hu", "kernel"],
+    ids=["nothing", "hu", "kernel", "matrix"],
 )
 def test_effect_in_images_of_another_program_is_named(recorded, change, filter_name, expected):
     folder = recorded(change(images(filter_name)))
@@ -127,9 +140,12 @@ def test_effect_in_images_of_another_program_is_named(recorded, change, filter_n
     _, prepared = prepare_recording(request, recording)
     assert prepared.data.n == prepared.held_out.n == SLICES // 2
     accuracy = defaults_of("diagnosis", "model_accuracy")
-    content = find_missing_physics("discs", prepared, ["hu_calibration", "reconstruction_kernel"], accuracy).content
+    tried = ["hu_calibration", "reconstruction_kernel", *expected[:1]]
+    content = find_missing_physics("discs", prepared, list(dict.fromkeys(tried)), accuracy).content
     assert [effect["name"] for effect in content["effects"]] == expected
     assert content["verdict"] == ("mismatch explained" if expected else "match")
+    if expected == ["resampling"]:  # one of many local minima
+        assert content["effects"][0]["parameters"]["pixel_mm"]["value"] == pytest.approx(1.43, abs=0.01)
     if expected == ["hu_calibration"]:
         for name, truth in (("scale", 1.03), ("offset_hu", 8.0)):
             low, high = content["effects"][0]["parameters"][name]["ci95"]

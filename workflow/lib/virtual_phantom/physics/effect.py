@@ -106,6 +106,8 @@ class Parameter:
         Quantity on the scanner's label that is its prior: TUBE_VOLTAGE or SENSOR_THICKNESS.
     dark : str or None
         Property of dark frames that measures the parameter: DARK_LEVEL, DARK_DRIFT or DARK_NOISE.
+    periodic : bool
+        Whether images change periodically with the inverse of a length, so that fits need many starts.
     title : str
         Name in texts; empty: `name` without its unit.
     """
@@ -126,6 +128,7 @@ class Parameter:
     kernel_error: float | None = None
     nominal: str | None = None
     dark: str | None = None
+    periodic: bool = False
     title: str = ""
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage, optimize
@@ -85,25 +85,15 @@ def best_roll(
     return float(scores.max()), float(rolls[np.argmax(scores)])
 
 
-@dataclass(frozen=True)
-class Found:
+class Found(NamedTuple):
     """Object in a plane.
 
-    Attributes
-    ----------
-    x_mm, y_mm, turn_deg : float
-        Center of the object, from that of the image, and rotation about it.
-    fitted : ndarray, shape (y, x)
-        The object there, on the pixels of the image, HU.
-    correlation, inside : float
-        With the image: of the object with a rim of air, and inside its surface for HU clipped to SOFT_HU.
-    contrast : float
-        SD of the clipped HU of the object inside its surface.
+    `location` holds x_mm and y_mm from the center of the image, and turn_deg. `fitted` is the object there, HU on the
+    pixels of the image. It is correlated with the image, including a rim of air, and, with HU clipped to SOFT_HU,
+    `inside` its surface; `contrast` is the SD of these HU.
     """
 
-    x_mm: float
-    y_mm: float
-    turn_deg: float
+    location: dict[str, float]
     fitted: np.ndarray
     correlation: float
     inside: float
@@ -158,8 +148,9 @@ def find(plane: np.ndarray, spacing: Sequence[float], drawn: np.ndarray, drawn_s
     best = optimize.minimize(lambda at: -sum(correlations(at)), begin, method="Nelder-Mead", options=options)
     contrast = float(np.std(np.clip(fitted(best.x, where[inside]), *SOFT_HU)))
     center = complex(*best.x[:2]) - middle * np.exp(1j * np.radians(best.x[2]))
-    location = center.real, center.imag, (best.x[2] + 180) % 360 - 180
-    return Found(*map(float, location), fitted(best.x, pixels), *correlations(best.x), contrast)
+    location = {"x_mm": center.real, "y_mm": center.imag, "turn_deg": (best.x[2] + 180) % 360 - 180}
+    location = {key: float(value) for key, value in location.items()}
+    return Found(location, fitted(best.x, pixels), *correlations(best.x), contrast)
 
 
 def at(plane: np.ndarray, spacing: Sequence[float], x: np.ndarray, y: np.ndarray) -> np.ndarray:

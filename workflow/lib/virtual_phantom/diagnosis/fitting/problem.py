@@ -118,7 +118,8 @@ class Problem:
             return self.start
         faint = any(self._new_strengths())
         tried = []
-        for nuisance in (self.start[count:], np.array([number.expected for number in self.nuisances])):
+        expected = tuple(number.expected for number in self.nuisances)
+        for nuisance in dict.fromkeys((tuple(self.start[count:]), expected)):
             full = [self.solve_scale_and_offset(np.array([*values, *nuisance])) for values in product(*choices)]
             tried += full
             if faint:
@@ -127,8 +128,11 @@ class Problem:
         return min(tried, key=lambda solved: self.chi_square(solved[1], solved[0]))[0]
 
     def _new_strengths(self) -> list[bool]:
-        """Return for each unknown whether its effect is new and has a value at which it does nothing."""
-        return [fresh and unknown.neutral is not None for unknown, fresh in zip(self.unknowns, self.fresh, strict=True)]
+        """Return for each unknown whether its effect is new and changes the data steadily from its neutral value."""
+        return [
+            fresh and unknown.neutral is not None and not unknown.periodic
+            for unknown, fresh in zip(self.unknowns, self.fresh, strict=True)
+        ]
 
     def _switched_off(self, point: np.ndarray) -> np.ndarray:
         """Return a point with new effects at their neutral values, where they have any."""

@@ -29,6 +29,8 @@ class Unknown:
         Gaussian prior. Without further knowledge it is as wide as the range, so that fits do not diverge.
     power : int
         As in Parameter.
+    periodic : bool
+        Whether the data change periodically, so that they do not change steadily from the neutral value.
     """
 
     effect: str
@@ -40,6 +42,7 @@ class Unknown:
     expected: float
     sd: float
     power: int = 1
+    periodic: bool = False
 
     def of(self, value: float) -> float:
         """Return the variable for a value of the parameter."""

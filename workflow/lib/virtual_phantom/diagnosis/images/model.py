@@ -11,18 +11,20 @@ from ...base.lru_cache import LRUCache
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
-from ...physics.effect import absolute_attenuation, acts_on_images, load
+from ...physics.effect import Parameter, absolute_attenuation, acts_on_images, load
 from ...physics.state import State
 from ...simulation.reconstruct import apply_image_effects
 from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
 from ..fitting.model import Model
 from ..fitting.nuisance import Nuisance, pose_of
+from ..fitting.unknown import Unknown
 from ..noise.condensed import Prediction
 from .observed import Condenser, ObservedImages
 
 REALIZATIONS = 7  # of noise, reconstructed together; the mean is reconstructed separately
 WATER_SD = 0.3  # SD of the scale if attenuation is absolute: scanners set water to 0 HU for every spectrum
 IMAGES_KEPT = 6  # cached settings; a Jacobian uses the images at its central point for every parameter
+STARTS_PER_PERIOD = 2
 EARLIER = 0  # branch of the random stream of the realizations
 
 
@@ -56,6 +58,17 @@ class ImagesModel(Model):
         self.correction: np.ndarray | float = 0.0  # HU, of the error of finite pixels and voxels
         self.recorded_noise: np.ndarray | None = None  # HU, shape (repeats, z, y, x)
         self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
+
+    def _unknown(self, name: str, parameter: Parameter) -> Unknown | None:
+        """See Model; with starts in each period of a periodic length, from half a pixel to two pixels."""
+        found = super()._unknown(name, parameter)
+        if found is None or not parameter.periodic or name in self.declared:
+            return found
+        pixel = min(self.spacing_mm[1:])
+        # A period changes the number of pixels across the image by 1.
+        step = 1 / (STARTS_PER_PERIOD * pixel * max(self.condenser.expected.shape[1:]))
+        lengths = 1 / np.arange(max(0.5 / pixel, 1 / parameter.high), 2 / pixel, step)
+        return replace(found, starts=(*found.starts, *map(parameter.to_variable, lengths)), periodic=True)
 
     def nuisances_for(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """Return the nuisance parameters. With absolute attenuation, the scale has the wide prior of WATER_SD."""

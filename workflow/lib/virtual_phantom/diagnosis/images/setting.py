@@ -43,17 +43,9 @@ LEAST_SLICES = 4  # fewer do not show noise correlation along z, and cannot be s
 
 @dataclass(frozen=True)
 class ComparedVoxels:
-    """Voxels of a recording that are compared, around the isocenter.
+    """Voxels of a recording that are compared, around the isocenter; `valid` ones are seen from all directions.
 
-    Attributes
-    ----------
-    grid : Grid
-    valid : ndarray of bool, shape (z, y, x)
-        Voxels of `grid` that are seen from all directions.
-    slices, window, binned
-        See ImagedObject.
-    made : Grid
-        Voxels that are reconstructed; `grid` is at `shown` of them.
+    The slices `shown` of the grid `made` are reconstructed. For the others see ImagedObject.
     """
 
     grid: Grid
@@ -157,16 +149,8 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
 def _reconstructed(
     protocol: ImageProtocol, request: DiagnosisRequest, grid: Grid, shown: slice, lines: np.ndarray
 ) -> np.ndarray:
-    return reconstruct_hu(
-        lines.astype(np.float32),
-        protocol.geometry,
-        grid,
-        protocol.algorithm,
-        protocol.settings,
-        protocol.engine,
-        request.mu_water_per_mm,
-        request.threads,
-    )[:, shown]
+    how = protocol.algorithm, protocol.settings, protocol.engine, request.mu_water_per_mm, request.threads
+    return reconstruct_hu(lines.astype(np.float32), protocol.geometry, grid, *how)[:, shown]
 
 
 def _reconstructed_finely(

@@ -98,7 +98,6 @@ def locate(recording: ImagesRecording, request: DiagnosisRequest) -> ObjectLocat
             f"least {LEAST_CORRELATION:g}), inside {found.inside:.2f} (at least {least:g}); check object, slices "
             "(diagnosis.recordings: slices) and orientation"
         )
-    location = {"x_mm": found.x_mm, "y_mm": found.y_mm, "turn_deg": found.turn_deg} | stated
     rest = [image - expected(image.shape, spacing[1:]), image - found.fitted]
     share = [float(np.var(part) / np.var(image)) for part in rest]
-    return ObjectLocated(AS_STATED, {}, (), *share, location, mirrored, *rest)
+    return ObjectLocated(AS_STATED, {}, (), *share, found.location | stated, mirrored, *rest)

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage
+from skimage.measure import block_reduce
 from skimage.registration import phase_cross_correlation
 
 from ...base.geometry import Grid
@@ -164,9 +165,7 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
 
 def _coarse(array: np.ndarray, size: tuple[int, int, int]) -> np.ndarray:
     cut = tuple(slice(0, n - n % many) for n, many in zip(array.shape, size, strict=True))
-    whole = array[cut].astype(np.float64)
-    shape = [part for n, many in zip(whole.shape, size, strict=True) for part in (n // many, many)]
-    return whole.reshape(shape).mean(axis=(1, 3, 5))
+    return block_reduce(array[cut].astype(np.float64), size, np.mean)
 
 
 def _inside(image: np.ndarray) -> np.ndarray:

@@ -32,6 +32,8 @@ EFFECT = Effect(
     stage="image",
     signature="as the reconstruction kernel, with a periodic pattern of noise and sharpness",
     settled_by="export the images in the matrix of the reconstruction",
-    parameters=(Parameter("pixel_mm", "mm", "pixel size d of the other matrix", 0.0, 5.0, 0.8, 1.0, power=2),),
+    parameters=(
+        Parameter("pixel_mm", "mm", "pixel size d of the other matrix", 0.0, 5.0, 0.8, 1.0, power=2, periodic=True),
+    ),
     apply=apply,
 )

@@ -28,7 +28,7 @@ EFFECT = Effect(
     signature="HU rise steeply toward a circle about the isocenter, equally in all directions",
     settled_by="center the object, or scan a smaller one",
     parameters=(
-        Parameter("path_mm", "mm", "L: water in the rays at the edge of the field of view", 0.0, 300.0, 0.0, 20.0),
+        Parameter("path_mm", "mm", "L: water in the rays at the edge of the field of view", 0.0, 300.0, 20.0, 20.0),
         Parameter("radius_mm", "mm", "S: radius of the field of view", 20.0, 400.0, 150.0, 150.0, None, LOGARITHM),
     ),
     apply=apply,
