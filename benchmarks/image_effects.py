@@ -223,7 +223,7 @@ def recorded(simulator, kind, number, seed):
 
 def diagnosed(case):
     """Row of one case."""
-    simulator, kind, number, seed, wanted = case
+    simulator, kind, number, seed, wanted, own_simulation = case
     images, name, values = recorded(simulator, kind, number, seed)
     detector = dict(columns=COLUMNS, rows=1, column_pitch_mm=MM, row_pitch_mm=MM)
     geometry = circular(views=VIEWS, **parallel_beam(), **detector)
@@ -235,9 +235,12 @@ def diagnosed(case):
     def reconstruct(lines):
         return reconstruct_hu(lines.astype(np.float32), geometry, grid, "fbp", FbpSettings("coverage"), "cpu", WATER)
 
-    prepared = prepare(
-        images, None, *chains, reconstruct, grid.spacing, valid, np.random.SeedSequence(seed), slices_variance=1.0
-    )
+    own = None
+    if own_simulation:
+        own = 1000 * (back_projected(by_astra(name), "ramp") / WATER - 1)[None].astype(np.float32)
+    random = np.random.SeedSequence(seed)
+    options = {"slices_variance": 1.0, "known_image": own}
+    prepared = prepare(images, None, *chains, reconstruct, grid.spacing, valid, random, **options)
     chosen = choose(prepared.fitter, trial(prepared.fitter, ()), wanted)
     content = diagnose(kind, prepared, chosen).content
     named = [one["name"] for one in content["effects"]]
@@ -272,6 +275,7 @@ def diagnosed(case):
 def add_arguments(parser):
     common.add_realizations(parser, 1, out="image_effects.csv")
     parser.add_argument("--simulator", choices=("chords", "astra", "xcist"), default="chords")
+    parser.add_argument("--own-simulation", action="store_true", help="compare with images of line integrals by ASTRA")
     parser.add_argument("--seed", type=int, default=1, help=f"final cases: {FINAL_SEEDS}")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
 
@@ -285,7 +289,8 @@ def run(options):
     np.random.default_rng(options.seed).shuffle(drawn)
     rows = common.read_csv_rows(Path(options.out))
     done = {(row["kind"], int(row["number"])) for row in rows}
-    cases = [(options.simulator, *one, options.seed, wanted) for one in drawn if one not in done]
+    more = options.seed, wanted, options.own_simulation
+    cases = [(options.simulator, *one, *more) for one in drawn if one not in done]
     for (row,) in common.parallel_rows(_rows, cases, options, FIELDS, append=True):
         rows.append(row)
         print(", ".join(str(value) for value in row.values()), flush=True)

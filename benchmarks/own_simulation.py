@@ -4,6 +4,7 @@ Objects are the phantoms of the blind validation, constant along z. ASTRA projec
 rays per pixel, with one energy and no effect. Options::
 
     --seed     draws textures, strengths, signs and noise
+    --bone     repeats each diagnosis with path lengths in bone
     --beside   repeats each diagnosis with Virtual Phantom's own simulation of the slice
 """
 
@@ -16,7 +17,7 @@ import h5py
 import numpy as np
 
 import virtual_phantom as vp
-from benchmarks.common.tuning_objects import OBJECTS, acquire, build, scan_of
+from benchmarks.common.tuning_objects import OBJECTS, acquire, build, materials, scan_of
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import branch, generator
@@ -43,8 +44,10 @@ def add_arguments(parser):
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--effects", nargs="*", default=HIDDEN, help="effects to hide, each medium and strong")
     parser.add_argument("--none", type=int, default=20, help="recordings without an effect")
+    parser.add_argument("--bone", action="store_true", help="also ASTRA with path lengths in bone")
     parser.add_argument("--beside", action="store_true", help="also Virtual Phantom's own simulation")
-    parser.add_argument("--output", help="JSON lines")
+    parser.add_argument("--minutes", type=float, default=np.inf, help="start no case later")
+    parser.add_argument("--output", help="JSON lines; cases in it are not repeated")
 
 
 def slice_of(name, seed):
@@ -62,10 +65,23 @@ def project(fine, scan, mu_water=MU_WATER):
 
     As in XCIST, the transmissions of four parts of a pixel are averaged.
     """
+    parts = line_integrals(np.maximum(mu_water * (1 + fine.array[0].astype(np.float64) / 1000), 0), fine.grid, scan)
+    return -np.log(np.exp(-parts).mean(axis=3))
+
+
+def bone_mm(phantom, fine, scan, mu_water=MU_WATER):
+    """Mean path lengths through bone, by ASTRA."""
+    scanned = OBJECTS[phantom]
+    shares = materials(fine, scanned, scan.kev, mu_water).fractions
+    return line_integrals(shares[scanned.dense][0].astype(np.float64), fine.grid, scan).mean(axis=3)
+
+
+def line_integrals(slice_per_mm, grid, scan):
+    """Integrals by ASTRA's fan beam, the mean of the rays of each part of a pixel [view, row, column, part]."""
     import astra
 
-    mu = np.maximum(mu_water * (1 + fine.array[0].astype(np.float64) / 1000), 0)
-    (rows, columns), (_, height, width) = mu.shape, fine.grid.spacing
+    mu = slice_per_mm
+    (rows, columns), (_, height, width) = mu.shape, grid.spacing
     volume = astra.create_vol_geom(
         rows,
         columns,
@@ -95,8 +111,7 @@ def project(fine, scan, mu_water=MU_WATER):
     up = (np.arange(scan.rows) - (scan.rows - 1) / 2) * scan.row_pitch_mm
     in_plane = np.hypot(across, scan.source_to_detector_mm)
     lines = lines[:, None] * np.hypot(in_plane, up[:, None]) / in_plane  # rays out of the plane are longer
-    parts = lines.reshape(*lines.shape[:2], -1, CELLS_DIVIDED, RAYS // CELLS_DIVIDED).mean(axis=4)
-    return -np.log(np.exp(-parts).mean(axis=3))
+    return lines.reshape(*lines.shape[:2], -1, CELLS_DIVIDED, RAYS // CELLS_DIVIDED).mean(axis=4)
 
 
 def recorded(folder, name, fine, hidden, seed):
@@ -108,10 +123,12 @@ def recorded(folder, name, fine, hidden, seed):
     return scan
 
 
-def simulated(path, lines):
-    """Write a simulation as line integrals."""
+def simulated(path, lines, path_lengths_mm=None):
+    """Write a simulation as line integrals, with path lengths by material."""
     with h5py.File(path, "w") as file:
         file.create_dataset("exchange/data", data=lines.astype(np.float32)).attrs["log"] = True
+        for material, lengths in (path_lengths_mm or {}).items():
+            file.create_dataset(f"path_lengths_mm/{material}", data=lengths.astype(np.float32))
     return path
 
 
@@ -120,48 +137,70 @@ def cases(effects, none):
     return [(name, strength) for name in effects for strength in STRENGTHS] + [(None, None)] * none
 
 
+def diagnosed(number, name, strength, options, done):
+    """Yield the result of each simulation of one case that is not done."""
+    phantom = tuple(OBJECTS)[number % len(OBJECTS)]
+    wanted = ["ASTRA"] + ["ASTRA, bone"] * options.bone + ["Virtual Phantom"] * options.beside
+    wanted = [simulation for simulation in wanted if (number, simulation) not in done]
+    if not wanted:
+        return
+    fine = slice_of(phantom, branch(options.seed, 10_000 + number % len(OBJECTS)))
+    hidden = CATALOGUE[name].draw(strength, generator(branch(options.seed, number, 1)))[0] if name else {}
+    with TemporaryDirectory() as folder:
+        folder = Path(folder)
+        scan = recorded(folder, phantom, fine, hidden, branch(options.seed, number))
+        write_nifti(fine, folder / "slice.nii.gz")
+        lines = project(fine, scan)
+        for simulation in wanted:
+            if simulation == "Virtual Phantom":
+                scene = {"phantom": folder / "slice.nii.gz"}
+            else:
+                paths = {"bone": bone_mm(phantom, fine, scan)} if simulation != "ASTRA" else {}
+                scene = {"simulation": simulated(folder / f"{len(paths)}.h5", lines, paths)}
+            begin = time.process_time()
+            content = vp.diagnose(folder, check_setup=False, processes=1, **scene).content
+            yield {
+                "number": number,
+                "hidden": name,
+                "strength": strength,
+                "simulation": simulation,
+                "named": [effect["name"] for effect in content["effects"]],
+                "verdict": content["verdict"],
+                "alike": content["ambiguous_with"],
+                "score": named_first(name, content),
+                "seconds": round(time.process_time() - begin, 1),
+                "settings": {key: np.asarray(value).tolist() for key, value in hidden.items()},
+            }
+
+
+def named_first(name, content):
+    """1, or 1/k if the hidden effect is one of k that are named first as equal; otherwise 0."""
+    first = [effect["name"] for effect in content["effects"][:1]]
+    group = {*first, *(other for effect in first for other in content["ambiguous_with"].get(effect, ()))}
+    return 1 / len(group) if name in group else 0.0
+
+
 def run(options):
-    found = []
+    output, begin = Path(options.output) if options.output else None, time.monotonic()
+    found = [json.loads(line) for line in output.read_text().splitlines()] if output and output.exists() else []
+    done = {(one["number"], one["simulation"]) for one in found}
     for number, (name, strength) in enumerate(cases(options.effects, options.none)):
-        root = branch(options.seed, number)
-        phantom = tuple(OBJECTS)[number % len(OBJECTS)]
-        fine = slice_of(phantom, branch(options.seed, 10_000 + number % len(OBJECTS)))
-        hidden = CATALOGUE[name].draw(strength, generator(branch(options.seed, number, 1)))[0] if name else {}
-        with TemporaryDirectory() as folder:
-            folder, begin = Path(folder), time.time()
-            scan = recorded(folder, phantom, fine, hidden, root)
-            given = {"ASTRA": {"simulation": simulated(folder / "astra.h5", project(fine, scan))}}
-            if options.beside:
-                write_nifti(fine, folder / "slice.nii.gz")
-                given["own"] = {"phantom": folder / "slice.nii.gz"}
-            for which, scene in given.items():
-                content = vp.diagnose(folder, check_setup=False, processes=1, **scene).content
-                named = [effect["name"] for effect in content["effects"]]
-                found.append(
-                    {
-                        "number": number,
-                        "hidden": name,
-                        "strength": strength,
-                        "simulation": which,
-                        "named": named,
-                        "verdict": content["verdict"],
-                        "alike": content["ambiguous_with"],
-                    }
-                )
-                print(
-                    f"{number:3} {which:5} {name or '-':20} {strength or '':7} {content['verdict']:28}",
-                    ", ".join(named),
-                    f"({time.time() - begin:.0f} s)",
-                    flush=True,
-                )
-                if options.output:
-                    with open(options.output, "a") as file:
-                        file.write(json.dumps(found[-1]) + "\n")
-    for which in dict.fromkeys(one["simulation"] for one in found):
-        of = [one for one in found if one["simulation"] == which]
+        if time.monotonic() - begin > 60 * options.minutes:
+            break
+        for one in diagnosed(number, name, strength, options, done):
+            found.append(one)
+            print(
+                f"{number:3} {one['simulation']:15} {name or '-':20} {strength or '':7} {one['score']:.2f}",
+                f"{one['verdict']}: {', '.join(one['named'])} ({one['seconds']:.0f} s)",
+                flush=True,
+            )
+            if output:
+                with output.open("a") as file:
+                    file.write(json.dumps(one) + "\n")
+    for simulation in dict.fromkeys(one["simulation"] for one in found):
+        of = [one for one in found if one["simulation"] == simulation]
         with_effect, without = ([one for one in of if bool(one["hidden"]) is has] for has in (True, False))
-        first = sum(one["named"][:1] == [one["hidden"]] for one in with_effect)
         print(
-            f"{which}: named first {first} of {len(with_effect)}; false alarms "
-            f"{sum(one['verdict'] != 'match' for one in without)} of {len(without)}"
+            f"{simulation}: named first {sum(one['score'] for one in with_effect):.4g} of {len(with_effect)}; "
+            f"false alarms {sum(one['verdict'] != 'match' for one in without)} of {len(without)}"
         )

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn_objects import CYLINDERS, ENERGY_KEV, GEOMETRY, SPECTRUM, bench
+from scipy import ndimage
+from skimage.measure import block_reduce
 
 import virtual_phantom as vp
 from benchmarks.common import tuning_objects
@@ -18,7 +20,7 @@ from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.projections.own_simulation import simulated_scene
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.settings import RecordingSettings
-from virtual_phantom.io.volumes import Volume
+from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
@@ -50,7 +52,7 @@ def inner(scan):
 
 
 def known(geometry, scan, pose):
-    return SimulatedScene(DISC.path_lengths(scan, pose)[0], scan, 60.0).path_lengths(geometry)[0]
+    return SimulatedScene(DISC.path_lengths(scan, pose), scan, 60.0).path_lengths(geometry)[0]
 
 
 @pytest.mark.parametrize("name", SCANS)
@@ -63,7 +65,7 @@ def test_own_rays_have_their_path_lengths(name):
 @pytest.mark.parametrize("name", SCANS)
 def test_other_rays_through_a_disc_have_the_closed_form(name):
     scan = SCANS[name]
-    scene, inside = SimulatedScene(DISC.path_lengths(scan, Pose(x_mm=2))[0], scan, 60.0), inner(scan)
+    scene, inside = SimulatedScene(DISC.path_lengths(scan, Pose(x_mm=2)), scan, 60.0), inner(scan)
     moved = Pose(x_mm=0.8, y_mm=-0.5, turn_deg=0.3, size=1.004)
     turn = np.deg2rad(moved.turn_deg)
     at = {"x_mm": moved.x_mm + 2 * moved.size * np.cos(turn), "y_mm": moved.y_mm + 2 * moved.size * np.sin(turn)}
@@ -102,8 +104,31 @@ def test_declared_physics_is_applied_once(tmp_path):
     np.testing.assert_allclose(again, lines, atol=1e-4)
     water = ShapesScene([cylinder("water", (0.0, 0.0, 0.0), 35.0)], ENERGY_KEV)
     lines = Chain(water, GEOMETRY).state(physics).line_integrals()
-    found = scene_from(folder, lines, baseline=declared).paths_mm
+    found = scene_from(folder, lines, baseline=declared).paths_mm[0]
     np.testing.assert_allclose(found, water.path_lengths(GEOMETRY)[0], atol=0.05)
+
+
+def test_path_lengths_in_other_materials_have_their_hardening(tmp_path):
+    """With path lengths in aluminum, the hardened signal is that of the object."""
+    scene = ShapesScene([cylinder("water", (0.0, 0.0, 0.0), 35.0), cylinder("aluminium", (15.0, 5.0, 0.0), 6.0)], 60.0)
+    water, aluminum = scene.path_lengths(GEOMETRY)
+    chain, hardened = Chain(scene, GEOMETRY), checked({"spectrum": SPECTRUM})
+    folder, path = bench(tmp_path, {}), str(tmp_path / "mine.h5")
+    request = DiagnosisRequest(
+        folder, settings(simulation=path, simulation_energy_kev=60.0), MU_WATER, Segmentation(), energy_kev=60.0
+    )
+    missed = {}
+    for name, paths in {"water": {}, "both": {"aluminium": aluminum}}.items():
+        simulated(path, chain.state({}).line_integrals(), paths)
+        found = Chain(simulated_scene(request, load_recording(folder)), GEOMETRY).state(hardened).line_integrals()
+        missed[name] = np.abs(found - chain.state(hardened).line_integrals()).max()
+    assert missed["both"] < 2e-4 < 0.05 < missed["water"]
+    simulated(path, chain.state({}).line_integrals(), {"bone": aluminum[:, :, 1:]})
+    with pytest.raises(InputError, match="path_lengths_mm/bone: is not one finite length per line integral"):
+        simulated_scene(request, load_recording(folder))
+    simulated(path, chain.state({}).line_integrals(), {"cheese": aluminum})
+    with pytest.raises(InputError, match="path_lengths_mm/cheese: is no material beside water; use"):
+        simulated_scene(request, load_recording(folder))
 
 
 def test_finer_pixels_are_read(tmp_path):
@@ -120,7 +145,7 @@ def test_finer_pixels_are_read(tmp_path):
 @pytest.mark.parametrize(
     "change, message",
     [
-        (lambda folder: folder.mkdir(), "mine.h5: a simulation in images is not supported; give its projections"),
+        (lambda folder: folder.mkdir(), "the recording holds projections; give a simulation of projections"),
         (lambda path: simulated(path, exact()[::2]), "has 24 views, but recording.yaml says scan.views 48"),
         (lambda path: simulated(path, exact()), "no object gives these line integrals with dark signal"),
     ],
@@ -170,8 +195,27 @@ def test_xcist_against_a_simulation_by_astra(tmp_path):
     assert "path length in water" in found["scatter"]["modelled"]["limits of the simulation"]
 
 
-def test_simulated_images_are_refused(tmp_path):
-    (tmp_path / "one.nii.gz").touch()
-    (tmp_path / "recording.yaml").write_text("{name: scanner, kind: images, repeats: [one.nii.gz]}")
-    with pytest.raises(InputError, match="simulated images are not supported"):
-        vp.diagnose(tmp_path, simulation="mine.h5")
+def test_simulated_images(tmp_path):
+    """A simulation agrees with noisy images of itself; images with a softer kernel differ by the kernel."""
+    random, found = np.random.default_rng(3), {}
+    sharp = np.repeat(block_reduce(phantom().array[0], (3, 3), np.mean)[None], 8, axis=0)
+    grid = Grid(sharp.shape, (2.0, 2.4, 2.4))
+    write_nifti(Volume(sharp[:1], Grid((1, *sharp.shape[1:]), grid.spacing)), tmp_path / "mine.nii.gz")
+    for name, pixels in {"same": 0.0, "soft": 0.6}.items():
+        (folder := tmp_path / name).mkdir()
+        noise = ndimage.gaussian_filter(random.normal(size=sharp.shape), (0, 0.7, 0.7)) * 20
+        image = ndimage.gaussian_filter(sharp, (0, pixels, pixels)) + noise
+        write_nifti(Volume(image.astype(np.float32), grid), folder / "one.nii.gz")
+        (folder / "recording.yaml").write_text("{name: scanner, kind: images, repeats: [one.nii.gz]}")
+        effects = ["reconstruction_kernel", "hu_calibration"]
+        found[name] = vp.diagnose(folder, simulation=tmp_path / "mine.nii.gz", effects=effects).content
+    assert found["same"]["verdict"] == "match", found["same"]["sentence"]
+    (named,) = found["soft"]["effects"]
+    assert named["name"] == "reconstruction_kernel"
+    assert named["parameters"]["sigma_mm"]["value"] == pytest.approx(0.6 * 2.4, rel=0.1)
+    assert "mean slice" in found["soft"]["modelled"]["limits of the simulation"]
+    with pytest.raises(InputError, match="give a simulation of images"):
+        vp.diagnose(folder, simulation="mine.h5")
+    declared = {"hu_calibration": {"offset_hu": {"value": 5.0, "sd": 0.0}, "scale": {"value": 1.0, "sd": 0.0}}}
+    with pytest.raises(InputError, match="simulated images contain HU calibration already"):
+        vp.diagnose(folder, simulation=tmp_path / "mine.nii.gz", baseline=declared)

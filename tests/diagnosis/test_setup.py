@@ -13,6 +13,7 @@ from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 from virtual_phantom.recordings.scan import scan_geometry
 
 SCAN = {
@@ -50,11 +51,11 @@ OBJECT = body([(45, 10, 10, 18, 700.0), (-30, 25, -12, 16, -900.0), (5, -30, 5, 
 OTHER = body([(-45, -10, -10, 18, 700.0), (30, -25, 12, 16, 300.0), (-10, 35, 0, 12, -700.0)], (75, 68))
 
 
-def scanned(scene=OBJECT, physics=PHYSICS, scan=SCAN, pose=POSE):
+def scanned(scene=OBJECT, physics=PHYSICS, scan=SCAN, pose=POSE, photons=PHOTONS, count=REPEATS):
     """Line integrals of repeats, with twice as many rays as in the comparison."""
-    state = Chain(scene, scan_geometry(scan, "scan"), samples=3).state(physics, photons=PHOTONS, pose=pose)
+    state = Chain(scene, scan_geometry(scan, "scan"), samples=3).state(physics, photons=photons, pose=pose)
     random, air = generator(Stream(7)), state.measured_air
-    repeats = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(REPEATS)]
+    repeats = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(count)]
     return np.stack(repeats).astype(np.float32)
 
 
@@ -136,6 +137,19 @@ def test_centered_disc_has_no_start_angle():
 def test_other_object_is_distinguished_from_a_wrong_description(lines):
     assert finding(lines, scene=OTHER).kind == "object"
     assert finding(lines, scene=DiscScene(70.0, "pmma")).kind == "object"
+
+
+def test_noise_of_one_repeat_is_no_other_object():
+    """At 100 photons, noise is a third of the variance of line integrals."""
+    scan = SCAN | {"rows": 1, "columns": 40, "views": 20, "views_per_rotation": 20}
+    disc, rods, air = (
+        ShapesScene([cylinder("water", (x, 0.0, 0.0), radius) for x, radius in rods], 60.0)
+        for rods in ([(0.0, 20.0)], [(-16.0, 10.0), (16.0, 10.0)], [(0.0, 0.01)])
+    )
+    noisy, empty = (scanned(scene, {}, scan, Pose(), photons=100.0, count=1) for scene in (disc, air))
+    assert finding(noisy, scan, disc).kind == "as stated"
+    assert finding(noisy, scan, rods).kind == "object"
+    assert finding(empty, scan, disc).kind == "empty"
 
 
 def test_air_scan_contains_no_object():

@@ -5,13 +5,11 @@ import pytest
 
 import virtual_phantom as vp
 from virtual_phantom.base.data import SCHEMAS
-from virtual_phantom.diagnosis.request import DiagnosisRequest
-from virtual_phantom.diagnosis.run import run_diagnosis
-from virtual_phantom.diagnosis.settings import RecordingSettings, UnknownObject
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.setup.descriptions import descriptions
 from virtual_phantom.diagnosis.setup.mismatch import Comparison
 from virtual_phantom.io.schema import read_schema, validate
-from virtual_phantom.physics.beam.materials import Segmentation
+from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.recordings.importers.projections import import_projections
 from virtual_phantom.report.diagnosis import write_results
@@ -60,10 +58,7 @@ def diagnosed(folder, lines, noise=0.002, **options):
     np.save(folder / "lines.npy", lines)
     options = {"angles": f"0,{360 / len(lines)}", "log": True} | (options or FAN)
     import_projections(folder / "lines.npy", folder / "scan", **options)
-    request = DiagnosisRequest(
-        folder / "scan", RecordingSettings(None, None, {}, object=UnknownObject(True)), 0.02, Segmentation("water")
-    )
-    found = run_diagnosis(request, [], {})
+    found = vp.diagnose(folder / "scan", unknown=True)
     validate(found.content, read_schema(SCHEMAS / "diagnosis.schema.yaml"), "diagnosis.json")
     return found, {check["subject"]: check for check in found.content["data_checks"]}
 
@@ -156,3 +151,21 @@ def test_object_beyond_the_detector(tmp_path):
     _, checks = diagnosed(tmp_path, fan()[:, 50:110])
     assert checks["air"]["wrong"] and "no column sees air" in checks["air"]["text"]
     assert "linearity" not in checks
+
+
+def test_images_with_few_levels(tmp_path):
+    """Images saved with 256 gray values in a window from -45 to 105 HU."""
+    random = np.random.default_rng(np.random.SeedSequence(3))
+    exact = np.repeat(np.linspace(-1000, 200, 64)[:, None], 64, axis=1) + 20 * random.standard_normal((2, 64, 64))
+    shown = np.rint((np.clip(exact, -45, 105) + 45) / 150 * 255) / 255 * 150 - 45
+    for name, image in {"exact": exact, "window": shown}.items():
+        (folder := tmp_path / name).mkdir()
+        write_nifti(Volume(image.astype(np.float32), Grid(image.shape, (1, 1, 1))), folder / "one.nii.gz")
+        content = "{name: it, kind: images, repeats: [one.nii.gz], not_checked: [hu, window]}"
+        (folder / "recording.yaml").write_text(content)
+    content = vp.diagnose(tmp_path / "window", unknown=True).content
+    assert "not known and values were clipped" in content["verdict_lines"][0]
+    texts = [check["text"] for check in content["data_checks"] if check["wrong"]]
+    assert "levels: steps of 0.588 HU" in texts[0] and len(texts) == 3
+    assert "are 105 HU, the largest one" in texts[1] and "are -45 HU, the smallest one" in texts[2]
+    assert not any(check["wrong"] for check in vp.diagnose(tmp_path / "exact", unknown=True).content["data_checks"])

@@ -183,9 +183,32 @@ def test_nikon_scan(tmp_path):
     assert recording.repeats[0].white.max() == 40_000
     assert np.degrees(recording.geometry.angles_rad[:2]) == pytest.approx([10, 40])
     assert recording.nominal["tube_kvp"] == 70 and recording.nominal["tube_current_ma"] == 0.3
+    angles = "".join(f"{view + 1}:\t{-30 * view:.3f}\n" for view in range(VIEWS))
+    (tmp_path / "scan.ang").write_text(f"Proj\tAngle(deg)\n{angles}")
+    listed = import_xtekct(tmp_path / "scan.xtekct", tmp_path / "listed", images=str(tmp_path / "images"))
+    assert np.degrees(listed.geometry.angles_rad[:2]) == pytest.approx([0, 30])  # the direction of AngularStep
     (tmp_path / "scan.ang").write_text("Proj\tAngle(deg)\n1:\t000.000\n2:\t-030.000\n")
     with pytest.raises(InputError, match="has 2 angles for 12 images"):
         import_xtekct(tmp_path / "scan.xtekct", tmp_path / "other", images=str(tmp_path / "images"))
+
+
+@pytest.mark.parametrize("stated", ["CentreOfRotationTop=1.2\nCentreOfRotationBottom=0.8", "ObjectOffsetX=0.03"])
+def test_nikon_offsets_place_the_axis_of_rotation(tmp_path, stated):
+    """CIL 21: detector at (-DetectorOffsetX, ., DetectorOffsetY), axis at -ObjectOffsetX, columns along -x."""
+    text = XTEKCT.replace("[Xrays]", f"DetectorOffsetX=-0.6\nDetectorOffsetY=0.4\n{stated}\n[Xrays]")
+    assert text != XTEKCT
+    (tmp_path / "scan.xtekct").write_text(text)
+    for number, image in enumerate(counts()):
+        tifffile.imwrite(tmp_path / f"scan_{number:04d}.tif", image)
+    geometry = import_xtekct(tmp_path / "scan.xtekct", tmp_path / "balls").geometry
+    binned = import_xtekct(tmp_path / "scan.xtekct", tmp_path / "binned", bin=3).geometry  # drops the last column
+    assert binned.column_positions_mm() == pytest.approx(geometry.column_positions_mm()[1:-1:3])
+    assert binned.row_positions_mm() == pytest.approx(geometry.row_positions_mm()[1::3])
+    enlarged = geometry.magnification
+    axis_mm, detector_mm = -enlarged * (0.03 if "Object" in stated else 1 / enlarged), 0.6  # x on the detector's plane
+    expected = (detector_mm - axis_mm) / geometry.column_pitch_mm + (COLUMNS - 1) / 2
+    assert -geometry.column_positions_mm()[0] / geometry.column_pitch_mm == pytest.approx(expected)
+    assert geometry.row_positions_mm().mean() == pytest.approx(0.4)
 
 
 MISTAKES = {

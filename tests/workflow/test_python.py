@@ -104,7 +104,10 @@ def test_recording_is_diagnosed(tmp_path):
         (lambda one: vp.reconstruct(None, "sirrt"), "algorithm 'sirrt' is unknown; did you mean"),
         (lambda one: vp.reconstruct(None, "sirt", iteration=3), "sirt: unknown key 'iteration' in sirt; did you mean"),
         (lambda one: vp.extract(vp.draw_phantom((12, 40, 40), (8.0, 7.5, 7.5)).image, one), "is on another grid"),
-        (lambda one: vp.diagnose("nowhere"), "0 of disc, mask, labels, shapes, phantom and simulation are given"),
+        (
+            lambda one: vp.diagnose("nowhere"),
+            "0 of disc, mask, labels, shapes, phantom, simulation and unknown are given",
+        ),
         (lambda one: vp.diagnose("nowhere", disc=(70.0, "water")), "nowhere"),
     ],
 )

@@ -43,6 +43,7 @@ def diagnose(
     shapes: str | tuple[str, Mapping[str, float | str]] | None = None,
     phantom: str | Path | None = None,
     simulation: str | Path | None = None,
+    unknown: bool = False,
     effects: Sequence[str] | None = None,
     processes: int = 1,
     matters: Mapping[str, float] | None = None,
@@ -50,7 +51,8 @@ def diagnose(
 ) -> Diagnosis:
     """Compare a recording with its simulation, and find the physics that the simulation lacks.
 
-    Exactly one of `disc`, `mask`, `labels`, `shapes`, `phantom` and `simulation` describes the scanned object.
+    Exactly one of `disc`, `mask`, `labels`, `shapes`, `phantom`, `simulation` and `unknown` describes the scanned
+    object.
 
     Parameters
     ----------
@@ -69,7 +71,10 @@ def diagnose(
     phantom : str or Path, optional
         NIfTI image in HU.
     simulation : str or Path, optional
-        HDF5 file of your own simulation of the recording (docs/getting-started/own-simulation.md).
+        Your own simulation of the recording: HDF5 file of projections, or NIfTI file or DICOM folder of images
+        (docs/getting-started/own-simulation.md).
+    unknown : bool, optional
+        The object is not known: no effect is fitted, and only the data are checked.
     effects : sequence of str, optional
         Effects to try. Default: all effects that the recording can show.
     processes : int, optional
@@ -93,16 +98,19 @@ def diagnose(
         If the recording cannot be read, has features or images of `phantom`, or cannot show an effect. Also if a
         setting is unknown, or if not exactly one object is given.
     """
-    given = [scanned for scanned in (disc, mask, labels, shapes, phantom, simulation) if scanned is not None]
-    if len(given) != 1:
+    objects = (disc, mask, labels, shapes, phantom, simulation, unknown or None)
+    given = sum(scanned is not None for scanned in objects)
+    if given != 1:
         raise InputError(
-            f"diagnose: {len(given)} of disc, mask, labels, shapes, phantom and simulation are given; give one"
+            f"diagnose: {given} of disc, mask, labels, shapes, phantom, simulation and unknown are given; give one"
         )
     recording, processes = check_path(recording, "recording"), check_integer(processes, "processes", 1)
     phantom = None if phantom is None else check_path(phantom, "phantom")
     if effects is not None:
         effects = [check_text(name, "effects") for name in check_sequence(effects, "effects", "names of effects")]
     section = settings | _scanned_section(disc, mask, labels, shapes)
+    if unknown:
+        section["object"] = {"unknown": True}
     if simulation is not None:
         section["simulation"] = check_path(simulation, "simulation")
     document = read_document(recording)

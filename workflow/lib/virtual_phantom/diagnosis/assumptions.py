@@ -19,10 +19,17 @@ from .residuals.dataset import Prepared
 from .scanned_object import shaped_object
 from .settings import LabelledObject, ShapesObject
 
-OF_SIMULATION = (
+OF_WATER = (
     "It gives one path length in water per ray. Beam hardening by bone, metal or a K edge is therefore not "
-    "distinguished from the spectrum. Other rays are interpolated, which is approximate at sharp edges. The object is "
-    "continued beyond the outermost rows and columns."
+    "distinguished from the spectrum; path lengths in these materials would distinguish it. "
+)
+OF_PROJECTIONS = (
+    "Other rays are interpolated, which is approximate at sharp edges. The object is continued beyond the outermost "
+    "rows and columns."
+)
+OF_IMAGES = (
+    "Its mean slice is also the object, constant along z, whose images change with effects on raw data. Its noise and "
+    "errors remain in the model."
 )
 
 
@@ -36,7 +43,11 @@ def model_assumptions(
     (water,) = attenuation_per_mm("water", [kev])
     stated_priors = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
     photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
-    simulation = {} if settings.simulation is None else {"limits of the simulation": OF_SIMULATION}
+    simulation = {}
+    if settings.simulation is not None:
+        scene = prepared.fitter.model.chain.scene
+        of_projections = (OF_WATER if scene.materials == ("water",) else "") + OF_PROJECTIONS
+        simulation["limits of the simulation"] = of_projections if recording.kind == "projections" else OF_IMAGES
     return simulation | {
         "object": object_text(request),
         "scan": scan_text(request, recording),
@@ -81,7 +92,8 @@ def object_text(request: DiagnosisRequest) -> str:
         of = enumerated([label(material) for material in materials if material != NOTHING])
         return f"the label map {Path(other.labels).name}, of {of}"
     if request.settings.simulation is not None:
-        return f"the simulation {Path(request.settings.simulation).name}, as path lengths in water"
+        of = "a slice" if request.protocol is not None else "path lengths"
+        return f"the simulation {Path(request.settings.simulation).name}, as {of}"
     if other is not None:
         return f"the homogeneous object of {Path(other.mask).name}, of {label(other.material)}"
     materials = request.materials

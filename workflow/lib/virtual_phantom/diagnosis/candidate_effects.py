@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
+from pathlib import Path
 
 from ..base.errors import InputError
 from ..base.geometry import PARALLEL
@@ -29,6 +30,7 @@ from ..recordings.scan import ELEMENT, UNKNOWN, has_view_times
 from .fitting.priors import declared
 from .settings import RecordingSettings
 
+IMAGE_SUFFIXES = (".nii", ".gz", ".nrrd", ".mha", ".mhd", ".dcm")
 # {kind of a recording: (test for effects that it does not show, reason)}
 HIDDEN = {
     "projections": (acts_on_images, "acts on images, and projections do not show it"),
@@ -37,6 +39,11 @@ HIDDEN = {
         "has one unknown per detector pixel, which images mix",
     ),
 }
+
+
+def is_of_images(simulation: str | Path) -> bool:
+    """Return whether a user's own simulation has images, by its name: a folder or an image file."""
+    return Path(simulation).is_dir() or Path(simulation).suffix.lower() in IMAGE_SUFFIXES
 
 
 def candidate_conditions(content: Mapping) -> dict:
@@ -190,10 +197,8 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
             raise InputError(
                 f"{where}.physics_from is '{other}', which holds {of}, not {kind}; name one of the same kind"
             )
-        if kind == "images" and settings.simulation is not None:
-            raise InputError(
-                f"{where}.simulation: simulated images are not supported; diagnose projections, or remove it"
-            )
+        if settings.simulation is not None and (kind == "images") != is_of_images(settings.simulation):
+            raise InputError(f"{where}.simulation: the recording holds {kind}; give a simulation of {kind}")
         if kind == "projections" and settings.location.get("turn_deg"):
             raise InputError(f"{where}.location.turn_deg: is for images; change scan.start_angle_deg of recording.yaml")
         if settings.slices is not None and (kind != "images" or settings.of_phantom):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from ..base.units import HU_AIR
 from ..io import volumes
 from ..io.volumes import Volume
 from ..phantom import block_mean
+from ..phantom.ct import read_hu
+from ..phantom.plausibility import SIZE, WINDOW
 from ..physics.beam.materials import Segmentation, energy_of
 from ..physics.scenes.labeled import LabelMap, read_label_map
 from ..physics.scenes.objects import ShapedObject, read_object
@@ -21,6 +24,8 @@ from ..physics.scenes.shapes import ShapesScene
 from .request import DiagnosisRequest
 from .settings import LabelledObject, MaskedObject, ShapesObject
 
+MOST_SLICES = 24  # of images; more slices add run time and little information
+AIR_BELOW_HU = -900.0  # of simulated images: noise and rings of air would make the object as large as the images
 PARTIAL_TOLERANCE = 1e-3  # of volume fractions beyond 0 and 1, from resampling
 
 
@@ -32,6 +37,8 @@ def scene_of(request: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene 
     InputError
         If the file of the object is missing or invalid.
     """
+    if request.settings.simulation is not None:
+        return simulated_object(request)
     disc, other, energy = request.settings.disc, request.settings.object, request.energy_kev or DISC_ENERGY_KEV
     if disc is not None:
         return DiscScene(disc.diameter_mm, disc.material, energy_kev=energy)
@@ -43,6 +50,54 @@ def scene_of(request: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene 
         return mask_scene(other.mask, other.material, request.threads, energy)
     volume = volumes.read_nifti(request.phantom)
     return VoxelScene.of(volume, request.materials, request.mu_water_per_mm, request.threads)
+
+
+def shown_slices(stated: Sequence[int] | None, count: int) -> slice:
+    """Return the stated slices of images that show the object, or the central ones."""
+    away = max(0, (count - MOST_SLICES) // 2)
+    return slice(away, count - away) if stated is None else slice(stated[0], stated[1] + 1)
+
+
+def read_simulated_images(path: str | Path) -> Volume:
+    """Read the user's own simulation of images, HU.
+
+    Raises
+    ------
+    InputError
+        As phantom.ct.read_hu. Images without noise may have many voxels of exactly 0 HU, and few voxels.
+    """
+    return read_hu(Path(path), not_checked=(WINDOW, SIZE))
+
+
+def simulated_slice(request: DiagnosisRequest) -> Volume:
+    """Return the mean slice of the user's own simulation of images, HU.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    volume = read_simulated_images(request.settings.simulation)
+    count = len(volume.array)
+    slices = shown_slices(request.settings.slices if count > 1 else None, count)
+    hu = volume.array[slices].mean(axis=0, keepdims=True, dtype=np.float64)
+    return Volume(hu, Grid(hu.shape, volume.grid.spacing))
+
+
+def simulated_object(request: DiagnosisRequest) -> PrismScene:
+    """Return the mean slice of the user's own simulation of images as an object.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or shows nothing but air.
+    """
+    simulated, materials = simulated_slice(request), request.materials
+    hu = np.where(simulated.array[0] < AIR_BELOW_HU, HU_AIR, simulated.array[0])
+    if not (hu > HU_AIR).any():
+        raise InputError(f"{request.settings.simulation}: shows nothing but air; give images in HU")
+    shares, energy = materials.fractions(hu, request.mu_water_per_mm), energy_of("water", request.mu_water_per_mm)
+    return PrismScene(shares, simulated.grid, materials.materials, energy)
 
 
 def shaped_object(given: ShapesObject) -> ShapedObject:

@@ -330,7 +330,7 @@ def _affine(name: str, slices: Sequence[Slice], one_slice: bool) -> np.ndarray:
     """Return the upright affine from voxel (column, row, slice) to mm in LPS; InputError if slices are tilted."""
     positions = np.array([header.numbers("ImagePositionPatient", 3) for header in slices])
     alone = one_slice and len(slices) == 1
-    step = slices[0].number("SliceThickness") if alone else _slice_spacing(name, positions)
+    step = slices[0].number("SliceThickness") if alone else _slice_spacing(name, positions, one_slice)
     cosines = np.array([header.numbers("ImageOrientationPatient", 6) for header in slices]).reshape(-1, 2, 3)
     spacings = np.array([header.numbers("PixelSpacing", 2) for header in slices])
     axes, (row_spacing, column_spacing) = _axes(cosines[0].ravel()), spacings[0]
@@ -396,7 +396,7 @@ def _rotated_together(cosines: np.ndarray, positions: np.ndarray, axes: np.ndarr
     return is_small_rotation(actual @ upright_axes.T)
 
 
-def _slice_spacing(name: str, positions: np.ndarray) -> float:
+def _slice_spacing(name: str, positions: np.ndarray, one_slice: bool) -> float:
     if len(positions) < 2:
         raise InputError(f"{name}: holds one slice only; give a series of at least two")
     z = positions[:, 2]
@@ -409,5 +409,6 @@ def _slice_spacing(name: str, positions: np.ndarray) -> float:
         raise InputError(
             f"{name}: slices are {usual:g} mm apart, but those at z = {z[wrong]:g} and {z[wrong + 1]:g} mm "
             f"{steps[wrong]:g} mm: a slice is missing or spacing is uneven"
+            + ("; import single slices one by one, from a folder for each" if one_slice else "")
         )
     return float(steps.mean())

@@ -27,7 +27,7 @@ from ...recordings.recording import Recording
 from ...statistics.image_quality import LEAST_ROI_VOXELS
 from ...statistics.resolution import signed_distance_mm
 from ..request import DiagnosisRequest
-from ..scanned_object import labelled_object, read_mask, shaped_object
+from ..scanned_object import labelled_object, read_mask, shaped_object, simulated_slice
 from ..settings import LabelledObject, ShapesObject
 from .agreement import INNER_VOXELS, Regions
 
@@ -82,6 +82,9 @@ class ScannedVolume:
         settings, mu_water_per_mm = request.settings, request.mu_water_per_mm
         if settings.disc is not None:
             return None
+        if settings.simulation is not None and recording.kind == "images":
+            simulated = simulated_slice(request)
+            return cls._drawn(simulated.array.astype(np.float32), simulated.grid)
         if settings.simulation is not None:
             try:
                 return cls.of_simulation(scene)
@@ -126,7 +129,9 @@ class ScannedVolume:
         """Return the filtered back-projection of a simulation, without ROIs."""
         grid = image_grid(scene.geometry, scene.radius_mm)
         engine = projector("cpu", scene.geometry, grid, 1, scene.threads)
-        (image,) = fbp(engine, scene.paths_mm[None].astype(np.float32))
+        water, *_ = scene.attenuation_per_mm
+        lines = np.tensordot(scene.attenuation_per_mm / water, scene.paths_mm, 1)
+        (image,) = fbp(engine, lines[None].astype(np.float32))
         return cls._drawn(attenuation_to_hu(image, 1.0), grid)
 
     @classmethod

@@ -95,6 +95,7 @@ def prepare(
     location: Mapping[str, float] | None = None,
     slices_variance: float | None = None,
     reconstruct_finely: Callable[[np.ndarray], np.ndarray] | None = None,
+    known_image: np.ndarray | None = None,
 ) -> PreparedImages:
     """Estimate noise, numerical errors and alignment of a recording.
 
@@ -122,6 +123,8 @@ def prepare(
     reconstruct_finely : callable, optional
         Like `reconstruct`, for line integrals of the floor chain, with finer voxels that are averaged. The difference
         of both images then corrects every prediction. None: `reconstruct`, and no correction.
+    known_image : ndarray, shape (z, y, x), optional
+        Image that the model gives with declared physics only, HU; replaces this correction.
 
     Raises
     ------
@@ -157,8 +160,10 @@ def prepare(
     photons = TRIAL_PHOTONS / ratio
     pose = pose_of(place)
     finely = reconstruct_finely or reconstruct
-    finer = finely(floor_chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
     coarse = reconstruct(chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
+    finer = coarse
+    if known_image is None:
+        finer = finely(floor_chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
     recorded_noise = taken - taken.mean(axis=0)
     if of_slices:
         noise = noise * np.sqrt(slices_variance)
@@ -171,9 +176,11 @@ def prepare(
     final = model(log_photons, NOMINAL_PHOTONS_SD if stays else np.inf)
     if of_slices:
         final.recorded_noise, nulls = recorded_noise, noise
-        if reconstruct_finely is not None:
+        if known_image is not None:
+            final.correction = known_image - coarse
+        elif reconstruct_finely is not None:
             final.correction = finer - coarse
-            expected = expected + final.correction
+        expected = expected + final.correction
         final.condenser = Condenser(white, None, REALIZATIONS, expected)
     else:
         state = chain.state(physics, pose, photons=photons, anode=anode)

@@ -19,10 +19,9 @@ from ...physics.scenes.scene import DiscScene
 from ...physics.scenes.shapes import is_constant_along_z
 from ...recordings.images import ImagesRecording
 from ..request import DiagnosisRequest
-from ..scanned_object import scene_of, shaped_object
+from ..scanned_object import scene_of, shaped_object, shown_slices
 from ..settings import ShapesObject
 
-MOST_SLICES = 24  # more slices add run time and little information
 DISTANCES_MM = (595.0, 1085.6)  # source to isocenter and detector of a clinical scanner, if nothing is stated
 PANEL_RATIO = 1.5  # source to detector over source to isocenter of cone-beam CT on linear accelerators
 PANEL_FROM_MM = 1200.0  # clinical gantries have shorter distances from source to detector
@@ -74,8 +73,7 @@ def imaged_object(request: DiagnosisRequest, grid: Grid) -> ImagedObject:
             f"diagnosis.recordings: slices {list(stated)} are not in the images, which have slices 0 to {count - 1}; "
             "give the first and the last slice that show the object"
         )
-    away = max(0, (count - MOST_SLICES) // 2)
-    slices = slice(away, count - away) if stated is None else slice(stated[0], stated[1] + 1)
+    slices = shown_slices(stated, count)
     scanned, scene = request.settings.object, scene_of(request)
     if isinstance(scanned, ShapesObject):
         prism = is_constant_along_z(shaped_object(scanned).shapes)

@@ -26,12 +26,13 @@ from ..fitting.nuisance import pose_of
 from ..fitting.priors import BASELINE_CONFIG_KEY, declared
 from ..projections.discretization import model_and_floor
 from ..request import DiagnosisRequest, NominalSettings
-from ..scanned_object import scene_of
+from ..scanned_object import MOST_SLICES, scene_of
 from ..selection.forward_selection import Choice
 from ..workload import samples_for
 from .model import REALIZATIONS
+from .own_simulation import simulated_images
 from .prepared import PreparedImages, prepare
-from .scan import MARGIN_MM, MOST_SLICES, ImagedObject, finer_scan, imaged_object
+from .scan import MARGIN_MM, ImagedObject, finer_scan, imaged_object
 
 FINER = 2  # pixels, views and voxels of the images that show the error of finite ones
 CUT_OFF = 2  # voxels next to constant air that are excluded
@@ -104,7 +105,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         imaged = imaged_object(request, recording.grid)
         of_slices, voxels = imaged.prism, ComparedVoxels.of_object(imaged, recording.grid.spacing, request)
     repeats, further = (voxels.taken(part, request.mirrored) for part in (recording.repeats, recording.held_out))
-    valid, slices_variance, finely = voxels.valid, None, None
+    valid, slices_variance, finely, simulated = voxels.valid, None, None, None
     # The pixels of images of an object are small (scan.PIXEL_OVER_VOXEL).
     samples = samples_for(settings.samples, settings.of_shapes and settings.of_phantom, protocol.geometry.shape)
     detector = {"sensor": nominal.sensor, "readout": AIR}
@@ -116,6 +117,13 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         finely = partial(_reconstructed_finely, finer, request, voxels.made)
         # Scanners set air to one value; edges next to such voxels are cut off, too.
         valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
+        if settings.simulation is not None:
+            finely, (shown,) = None, voxels.taken([simulated_images(request, recording)], mirrored=False)
+            simulated = shown.mean(axis=0, keepdims=True)
+            # Differences between simulated slices are no physics of the mean slice.
+            repeats, further = (
+                None if stacks is None else stacks - (shown - simulated) for stacks in (repeats, further)
+            )
         slices_variance = correlated_variance(repeats, valid[0])
         repeats, further = (None if stacks is None else slices_as_repeats(stacks) for stacks in (repeats, further))
     return prepare(
@@ -134,6 +142,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         location=settings.location,
         slices_variance=slices_variance,
         reconstruct_finely=finely,
+        known_image=simulated,
     )
 
 

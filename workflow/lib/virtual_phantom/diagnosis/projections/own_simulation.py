@@ -1,7 +1,8 @@
 """The user's own simulation of a recording, in place of an object.
 
 Its line integrals become path lengths in water, which reproduce the simulation when the physics that it already models
-(`baseline`) is applied to them. This physics is therefore never applied twice.
+(`baseline`) is applied to them. This physics is therefore never applied twice. Datasets path_lengths_mm/MATERIAL of the
+file give path lengths through other materials, which are subtracted from those in water.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from ...base.errors import InputError
 from ...base.geometry import OrbitGeometry
 from ...base.names import enumerated, label
 from ...io.exchange import opened
+from ...physics.beam.material_names import COMPOUNDS, ELEMENTS, library_name
 from ...physics.beam.materials import attenuation_per_mm, energy_of
 from ...physics.chain import EVEN, Chain
 from ...physics.effect import PER_AIR_PHOTON, acts_on_images, load
@@ -33,7 +35,7 @@ MOST_FINER = 8  # times the columns and rows of the recording; finer pixels only
 MOST_RAYS = 4  # per pixel and direction, as for shapes
 TOLERANCE = 1e-4  # largest difference of line integrals from the simulation; a tenth of a low noise
 MOST_CORRECTIONS = 60  # before a simulation is refused: a factor of 0.85 each would reach the tolerance
-IMAGES = (".nii", ".gz", ".dcm")  # endings of files of images
+PATH_LENGTHS = "path_lengths_mm"  # group of a simulation's file
 
 
 def scene_of_scan(request: DiagnosisRequest, recording: ProjectionsRecording) -> Scene:
@@ -58,8 +60,6 @@ def simulated_scene(request: DiagnosisRequest, recording: ProjectionsRecording) 
         If the simulation does not fit the recording, or declared physics cannot be removed from it.
     """
     settings, path = request.settings, Path(request.settings.simulation)
-    if path.is_dir() or path.suffix in IMAGES:
-        raise InputError(f"{path}: a simulation in images is not supported; give its projections as HDF5")
     geometry = finer_geometry(path, recording.geometry)
     acquisition = read_acquisition(path, geometry)
     lines = acquisition.line_integrals(LEAST_TRANSMISSION).astype(np.float64)
@@ -73,8 +73,33 @@ def simulated_scene(request: DiagnosisRequest, recording: ProjectionsRecording) 
     }
     energy = settings.simulation_energy_kev or energy_of("water", request.mu_water_per_mm)
     physics = _on_line_integrals(stated_physics(declared(settings.baseline, BASELINE_CONFIG_KEY)))
-    scene = SimulatedScene(lines / attenuation_per_mm("water", [energy])[0], geometry, energy, request.threads)
+    materials = _path_lengths_mm(path, lines.shape)
+    water, *other = (attenuation_per_mm(material, [energy])[0] for material in ("water", *materials))
+    paths = [mu / water * mm for mu, mm in zip(other, materials.values(), strict=True)]
+    paths = np.stack([lines / water - sum(paths), *materials.values()])
+    scene = SimulatedScene(paths, geometry, energy, request.threads, ("water", *materials))
     return _without(scene, lines, physics, path, anode=nominal.anode, **detector) if physics else scene
+
+
+def _path_lengths_mm(path: Path, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """Return path lengths in materials other than water, which a simulation may give.
+
+    Raises
+    ------
+    InputError
+        For an unknown material, or values that are not finite or have another shape than the line integrals.
+    """
+    with opened(path, ADVICE) as file:
+        given = file.get(PATH_LENGTHS, {})
+        found = {library_name(name): np.asarray(data, np.float64) for name, data in given.items()}
+    for material, values in found.items():
+        where = f"{path}: {PATH_LENGTHS}/{material}"
+        if material == "water" or material not in (*COMPOUNDS, *ELEMENTS):
+            materials = ", ".join(name for name in (*COMPOUNDS, *ELEMENTS) if name != "water")
+            raise InputError(f"{where}: is no material beside water; use {materials}")
+        if values.shape != shape or not np.isfinite(values).all():
+            raise InputError(f"{where}: is not one finite length per line integral; give shape {shape}, in mm")
+    return found
 
 
 def finer_geometry(path: Path, geometry: OrbitGeometry) -> OrbitGeometry:
@@ -151,8 +176,8 @@ def _without(
             break
         if np.abs(missed).max() < TOLERANCE:
             return scene
-        paths = paths + missed / water
-        scene = SimulatedScene(paths, scene.geometry, scene.energy_kev, scene.threads)
+        paths = np.concatenate([paths[:1] + missed / water, paths[1:]])
+        scene = SimulatedScene(paths, scene.geometry, scene.energy_kev, scene.threads, scene.materials)
     declares = enumerated([label(name) for name in physics])
     raise InputError(
         f"{path}: no object gives these line integrals with {declares}; declare under baseline only what the "

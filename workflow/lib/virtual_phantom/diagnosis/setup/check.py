@@ -59,6 +59,8 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult 
     """Compare a recording with its description; None if the check is switched off or not possible."""
     if not request.settings.check_setup or not isinstance(recording, ProjectionsRecording | ImagesRecording):
         return None
+    if isinstance(recording, ImagesRecording) and request.settings.simulation is not None:
+        return None  # in the recording's geometry
     if isinstance(recording, ImagesRecording) and not request.settings.of_phantom:
         return locate(recording, request)
     if isinstance(recording, ImagesRecording):

@@ -1,14 +1,16 @@
-"""Checks of the data themselves: copied repeats, repeats of another scan, and the illumination of the white field."""
+"""Checks of the data themselves: copied repeats, repeats of another scan, white field, and noise of one repeat."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 import numpy as np
+from scipy import ndimage, optimize
 
 from ...base.geometry import OrbitGeometry
 from ...physics.chain import EVEN
 from ..noise.condensed import Blocks
+from ..projections.observed import MEDIAN_SQUARE
 
 PARTS = (12, 4, 8)  # blocks along views, rows and columns; their means have less noise than single rays
 OTHER_SCAN = 50.0  # mean square of block means over that of noise, from which a repeat is of another scan
@@ -19,6 +21,11 @@ SOLID_ANGLE = "solid_angle"
 # Tolerance of the exponent of the solid angle about 0 or 1. Bowties and heel effect give other exponents.
 NEAR = 0.15
 LEAST_SPAN = 0.01  # of the logarithm of the solid angle over the detector: a smaller span shows nothing
+# Bins of the transmission, for noise against signal: at most 12, with 100 rays on average. Bins with a hundredth of all
+# rays are used.
+BINS, RAYS_PER_BIN, FEWEST_IN_BIN = 12, 100, 100
+SMOOTH = 5  # views and columns over which the signal is averaged
+SECOND_DIFFERENCE = 6.0  # variance of a second difference of independent values, relative to theirs
 EXPLAINED = 0.5  # least share of the variance of the white field, by the solid angle and a slope along either axis
 
 
@@ -105,3 +112,69 @@ def wrong_illumination(white: np.ndarray | None, geometry: OrbitGeometry, scan: 
     if stated == SOLID_ANGLE and abs(exponent) < NEAR and flat:
         return EVEN, exponent
     return None
+
+
+def smooth_transmission(lines: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Return the transmission of line integrals, shape (views, rows, columns), averaged over neighbors.
+
+    Single values would sort rays by the sign of their noise.
+    """
+    filled = np.where(good, lines, np.median(lines[good]))
+    return np.exp(-ndimage.uniform_filter(filled, (SMOOTH, 1, SMOOTH)))
+
+
+def noise_by_transmission(
+    differences: np.ndarray, transmission: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float, float] | None:
+    """Fit the noise variance of transmissions t by floor + slope * t.
+
+    Medians in bins of the transmission exclude edges of the object.
+
+    Parameters
+    ----------
+    differences : ndarray
+        Differences of line integrals, scaled to the noise of one ray; NaN without a signal.
+
+    Returns
+    -------
+    transmission, variance : ndarray, shape (bins,)
+    floor, slope : float
+        The result is None for too few rays, or without noise.
+    """
+    keep = np.isfinite(differences)
+    count = min(BINS, np.count_nonzero(keep) // RAYS_PER_BIN)
+    if count < 2:
+        return None
+    noise, transmission = (differences * transmission)[keep], transmission[keep]
+    edges = np.linspace(transmission.min(), transmission.max(), count + 1)
+    which = np.clip(np.searchsorted(edges, transmission, side="right") - 1, 0, count - 1)
+    rays = np.bincount(which, minlength=count)
+    bins = np.flatnonzero(rays > rays.sum() / FEWEST_IN_BIN)
+    signal, variance = (
+        np.array([np.median(part[which == k]) for k in bins]) for part in (transmission, noise**2 / MEDIAN_SQUARE)
+    )
+    noisy = variance > 0
+    if not noisy.any():
+        return None
+    bins, signal, variance = bins[noisy], signal[noisy], variance[noisy]
+    weights = np.sqrt(rays[bins]) / variance
+    terms = np.stack([np.ones_like(signal), signal], axis=1)
+    floor, slope = optimize.nnls(terms * weights[:, None], variance * weights)[0]
+    return signal, variance, float(floor), float(slope)
+
+
+def variance_of_one_repeat(lines: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Return the noise variance of line integrals, shape (views, rows, columns), from differences between views.
+
+    Views have independent noise, and neighboring pixels may not. The variance is 0 if it cannot be estimated.
+    """
+    good = usable[:-2] & usable[1:-1] & usable[2:]
+    if not good.any():
+        return np.zeros(lines.shape)
+    transmission = smooth_transmission(lines, usable)
+    second = (lines[:-2] - 2 * lines[1:-1] + lines[2:]) / np.sqrt(SECOND_DIFFERENCE)
+    found = noise_by_transmission(np.where(good, second, np.nan), transmission[1:-1])
+    if found is None:
+        return np.zeros(lines.shape)
+    *_, floor, slope = found
+    return (floor / transmission + slope) / transmission

@@ -28,7 +28,7 @@ MISTAKEN, REMOVED = 1e-4, 0.5
 REMOVED_BY_SHIFT = 0.75  # the same for descriptions that shift the detector, as effects do too
 LIKELIER = 100.0  # least difference in log likelihood
 NAMED = 0.002  # largest remaining share of a named description, with the geometry fitted
-ANOTHER = 0.01  # if the remaining share is larger for all descriptions, the object is another one
+ANOTHER = 0.01  # if the remaining share is significantly larger for all descriptions, the object is another one
 EMPTY = 0.02  # scale of the line integrals below which the beam was empty
 ALIKE = 5.0  # difference in log likelihood from which two descriptions are distinguished
 NEAR = 2.0  # ratio of remaining variances up to which ALIKE is tested with the geometry fitted
@@ -160,10 +160,12 @@ def _found(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> 
     tried = [mismatch for mismatch in tried if comparison.scaled_right(mismatch) or mismatch.description.scaled]
     chosen = _chosen(comparison, first, tried) or _scaled(first, tried)
     best = chosen or first
-    share = best.share if best.share <= ANOTHER else _with_geometry(comparison, best).share
-    if share > ANOTHER:
+    fitted = _with_geometry(comparison, best) if best.exceeds(ANOTHER) else best
+    share = fitted.share
+    if fitted.exceeds(ANOTHER) or not best.is_visible:
         empty = abs(best.scale) < EMPTY
-        return Finding(EMPTY_BEAM if empty else OBJECT, best, first, share)
+        if empty or best.is_visible:
+            return Finding(EMPTY_BEAM if empty else OBJECT, best, first, share)
     others = [mismatch for mismatch in (first, *tried) if mismatch.name != best.name]
     alike = tuple(_alike(comparison, best, others))
     right = chosen is None and not best.shifted

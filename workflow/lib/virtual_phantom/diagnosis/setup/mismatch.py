@@ -17,6 +17,8 @@ from ...base.geometry import OrbitGeometry
 from ...physics.scenes.scene import Pose
 from ...recordings.scan import scan_geometry
 from ..fitting.nuisance import LOCATION, PLACE, POSES
+from ..projections.observed import NOISE_OF_VIEWS
+from .data_checks import variance_of_one_repeat
 from .descriptions import STATED, Description
 
 ORDER = 3  # of the polynomial
@@ -40,6 +42,7 @@ SAMPLES = 2  # rays per pixel and direction
 NUDGE_MM = 5.0  # step of the object for the derivative of the centroids of views
 CENTROIDS = 4  # steps to match the centroids, as the magnification of a fan beam depends on the location
 GRID, FINER = 7, 4  # locations along x and y of a search over the field of view, and number of refinements
+SIGNIFICANT = 3.0  # standard errors of the noise that a mismatch must exceed
 HOPELESS = 4.0  # ratio to the best sum of squares so far from which a fit stops after its first step
 
 
@@ -71,8 +74,9 @@ class SetupMismatch:
     ----------
     place : dict of str to float
         Fitted pose of the object, by name of PLACE, and fitted parameters of GEOMETRY.
-    squares, noise, total : float
-        Weighted sums of squares: residual, its noise (0 if unknown), and line integrals about their mean.
+    squares, noise, noise_error, total : float
+        Weighted sums of squares: residual, its noise (0 if unknown) with its standard error, and line integrals about
+        their mean.
     scale : float
         Ratio of recorded and simulated line integrals.
     """
@@ -81,6 +85,7 @@ class SetupMismatch:
     place: dict[str, float]
     squares: float
     noise: float
+    noise_error: float
     total: float
     scale: float
     rays: int
@@ -120,6 +125,16 @@ class SetupMismatch:
     def share(self) -> float:
         """Share of the variance of the line integrals that remains beyond noise."""
         return max(self.squares - self.noise, 0.0) / self.total if self.total > 0 else 1.0
+
+    @property
+    def is_visible(self) -> bool:
+        """Return whether line integrals vary significantly more than noise."""
+        return self.total - self.noise > SIGNIFICANT * self.noise_error
+
+    def exceeds(self, share: float) -> bool:
+        """Return whether significantly more than a share of the variance beyond noise remains."""
+        left = self.squares - self.noise - SIGNIFICANT * self.noise_error
+        return left > share * max(self.total - self.noise, 0.0)
 
     def worse_than(self, other: SetupMismatch) -> float:
         """Return by how much another mismatch has a larger log likelihood, for normal errors of unknown variance."""
@@ -302,8 +317,20 @@ class Comparison:
         )
         lines, usable = description.values(lines[:, *chosen].astype(np.float64)), usable[chosen]
         mean, n = lines.mean(axis=0), len(lines)
-        variance = lines.var(axis=0, ddof=1) / n if n > 1 else np.zeros_like(mean)
+        if n > 1:
+            variance = lines.var(axis=0, ddof=1) / n
+        else:
+            variance = self._variance_of_one(description, chosen[1])[chosen[0], :, chosen[2]]
         return mean, variance, np.where(usable, np.exp(-np.clip(mean, 0, MOST_ATTENUATED)), 0.0)
+
+    def _variance_of_one(self, description: Description, rows: slice) -> np.ndarray:
+        """Return the noise variance of a single repeat in all views and columns of some rows."""
+        key = "variance", description.name
+        if key not in self._kept:
+            lines, usable = (description.axes(values) for values in (self._lines[0], self._usable))
+            lines = description.values(lines[:, rows].astype(np.float64))
+            self._kept[key] = variance_of_one_repeat(lines, usable[:, rows])
+        return self._kept[key]
 
     def mismatch(
         self,
@@ -362,8 +389,13 @@ class Comparison:
             if settled or (best is not None and found.squares * best.total > HOPELESS * best.squares * found.total):
                 break
         fitted = {name: float(value) for name, value in zip(names, place, strict=True)}
-        noise, count = float((rays.weight * rays.variance).sum()), int((rays.weight > 0).sum())
-        squares = found.squares, noise, found.total
+        of_rays, count = rays.weight * rays.variance, int((rays.weight > 0).sum())
+        noise, n = float(of_rays.sum()), len(self._lines)
+        # Errors of the sum of squares of the residual, and of the noise that is subtracted.
+        error = np.hypot(
+            np.sqrt(2 * (of_rays**2).sum() * (1 + 1 / max(n - 1, 1))), (NOISE_OF_VIEWS if n == 1 else 0.0) * noise
+        )
+        squares = found.squares, noise, float(error), found.total
         return SetupMismatch(description, fitted, *squares, found.scale, count, turn_deg != 0)
 
     def residual(self, found: SetupMismatch) -> np.ndarray:

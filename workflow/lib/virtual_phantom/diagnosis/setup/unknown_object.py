@@ -10,18 +10,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import ndimage, optimize
+from scipy import ndimage
 
 from ...base.geometry import PARALLEL, OrbitGeometry
 from ...base.names import counted, enumerated
 from ...base.vectors import FLAT
-from ...recordings.projections import Projections, ProjectionsRecording, quantized
+from ...recordings.projections import BITS_8, CLIPPED, Projections, ProjectionsRecording, quantized
 from ...recordings.recording import Recording
 from ...recordings.scan import ELEMENT, UNKNOWN
 from ..projections.observed import MEDIAN_SQUARE, Scans, scans
 from ..verdict.verdict import Diagnosis
 from ..verdict_text import VerdictLine, with_verdict_text
 from .consistency import centroid_shift, opposite_rays, parallel_views, sums_of_views
+from .data_checks import noise_by_transmission, smooth_transmission
 
 OBJECT_UNKNOWN = "object not known"  # verdict
 EDGE = 0.01  # share of the columns at either edge that may see air
@@ -31,13 +32,12 @@ MOST_ROWS = 64  # rows that are tested for noise and defects
 FEWEST_VIEWS = 30  # in which an object does not stand still, so that a defect is the pixel's
 LEAST_GOOD = 0.5  # share of the views in which a tested pixel is usable
 MOST_OF_RANGE = 0.1  # spread of air over the range of line integrals; more is not air
-BINS, FEWEST_IN_BIN = 12, 100  # of the transmission, for noise against signal; fewest rays, as all rays over this
-SMOOTH = 5  # views and columns over which the signal is averaged
 DEFECTIVE, LEAST_DEFECT = 10.0, 0.02  # robust standard deviations, and line integrals, between neighboring pixels
 SIGNIFICANT = 4.0  # standard errors, or ratio to noise
 SATURATES = 0.7  # ratio of the spreads of sums over parallel views, below which a saturation explains them
 SAME_ANGLE_DEG = 0.02  # views are repeated if their angles differ by less
 BLOCK = 16  # voxels along a side of blocks of images, whose standard deviation is measured
+NO_AIR_HU = -900.0  # a smallest value above it is not air
 NAMED_PIXELS = 4  # defective pixels in a text
 
 
@@ -119,9 +119,10 @@ def _unknown(recording: Recording, findings: list[DataFinding]) -> list[str]:
 def _helpful_facts(recording: Recording, findings: list[DataFinding]) -> list[str]:
     """Return the facts that would help, the most helpful first."""
     facts = ["the object and its material (diagnosis.recordings)"]
+    subjects = [finding.subject for finding in findings if finding.wrong]
     if recording.kind != "projections":
-        return facts
-    scan, subjects = recording.scan, [finding.subject for finding in findings if finding.wrong]
+        return ["the images in HU as the scanner wrote them"] * ("stored values" in subjects) + facts
+    scan = recording.scan
     if scan.get("angles_deg") == UNKNOWN:
         facts.insert(0, "the view angles")
     if "stored values" in subjects:
@@ -248,27 +249,11 @@ def _noise(taken: Scans, air: float) -> DataFinding | None:
     lines = np.where(good, lines, np.nan)
     second = lines[:-2] - 2 * lines[1:-1] + lines[2:]
     second = (second[..., :-2] - 2 * second[..., 1:-1] + second[..., 2:]) / 6  # variance 36 for independent noise
-    # The mean of neighbors, because single values would sort rays by the sign of their noise.
-    filled = np.where(good, lines, np.median(lines[good]))
-    transmission = np.exp(-ndimage.uniform_filter(filled, (SMOOTH, 1, SMOOTH)))[1:-1, :, 1:-1]
-    keep = np.isfinite(second)
-    if np.count_nonzero(keep) < 100 * BINS:
+    transmission = smooth_transmission(lines, good)[1:-1, :, 1:-1]
+    fitted = noise_by_transmission(second, transmission)
+    if fitted is None:
         return None
-    second, transmission = (second * transmission)[keep], transmission[keep]  # noise of the transmission
-    edges = np.linspace(transmission.min(), transmission.max(), BINS + 1)
-    which = np.clip(np.searchsorted(edges, transmission, side="right") - 1, 0, BINS - 1)
-    rays = np.bincount(which, minlength=BINS)
-    bins = np.flatnonzero(rays > rays.sum() / FEWEST_IN_BIN)
-    signal, variance = (
-        np.array([np.median(part[which == k]) for k in bins]) for part in (transmission, second**2 / MEDIAN_SQUARE)
-    )
-    noisy = variance > 0
-    if not noisy.any():
-        return None
-    bins, signal, variance = bins[noisy], signal[noisy], variance[noisy]
-    weights = np.sqrt(rays[bins]) / variance
-    terms = np.stack([np.ones_like(signal), signal], axis=1)
-    floor, slope = optimize.nnls(terms * weights[:, None], variance * weights)[0]
+    signal, variance, floor, slope = fitted
     of_air = float(np.sqrt(variance[-1]) / signal[-1])
     text = f"noise between neighbors is {of_air:.2g} of the signal of the least attenuated rays"
     values = {"relative_sd": of_air, "transmission": float(signal[-1])}
@@ -359,18 +344,30 @@ def _linearity(views: np.ndarray) -> Iterator[DataFinding]:
 
 
 def _image_findings(recording: Recording) -> Iterator[DataFinding]:
-    """Yield the noise of images: the standard deviation in the most uniform blocks of each repeat's slices."""
-    found = []
+    """Yield few levels and clipping, and the noise: the SD in the most uniform blocks of each repeat's slices."""
+    found, values, clipped = [], recording.repeats[0].array, []
+    levels, counts = np.unique(values, return_counts=True)
+    if levels.size <= BITS_8:
+        step = float(np.median(np.diff(levels))) if levels.size > 1 else 0.0
+        text = f"values have {levels.size} levels: steps of {step:.3g} HU hide noise and small differences"
+        yield DataFinding("stored values", text, {"levels": float(levels.size), "step": step}, wrong=True)
+    ends = [("largest", -1, -2)] + ([("smallest", 0, 1)] if levels[0] > NO_AIR_HU else [])
+    for which, end, next_to_it in ends if levels.size > 1 else ():
+        if counts[end] > max(CLIPPED * values.size, 2 * counts[next_to_it]):
+            clipped.append(levels[end])
+            share = 100 * counts[end] / values.size
+            text = f"{share:.2g} % of the values are {levels[end]:.5g} HU, the {which} one: they were clipped"
+            yield DataFinding("stored values", text, {which: float(levels[end]), "share": share / 100}, wrong=True)
     for image in recording.repeats:
-        deviations = [
-            float(slice_hu[y : y + BLOCK, x : x + BLOCK].std())
+        blocks = [
+            slice_hu[y : y + BLOCK, x : x + BLOCK]
             for slice_hu in image.array
             for y in range(0, slice_hu.shape[0] - BLOCK + 1, BLOCK)
             for x in range(0, slice_hu.shape[1] - BLOCK + 1, BLOCK)
-            if -200 < slice_hu[y : y + BLOCK, x : x + BLOCK].mean() < 200
         ]
-        if deviations:
-            found.append(float(np.quantile(deviations, 0.05)))
+        uniform = [block.std() for block in blocks if -200 < block.mean() < 200 and not np.isin(clipped, block).any()]
+        if uniform:
+            found.append(float(np.quantile(uniform, 0.05)))
     if found:
         of_repeats = enumerated([f"{sd:.3g}" for sd in found])
         text = f"noise in the most uniform blocks of {BLOCK} x {BLOCK} voxels is {of_repeats} HU"

@@ -67,10 +67,18 @@ def caveats(
 
 
 def likeness(prepared: Prepared, choice: Choice) -> float:
-    """Return the correlation of the recorded data with the selected model."""
-    recorded = prepared.recorded()
+    """Return the correlation of the recorded data, without their noise, with the selected model.
+
+    Noise attenuates a correlation by the square root of the share of the variance that is not noise (C. Spearman,
+    Am. J. Psychol. 15, 72, 1904). The result is 1 for data without significantly more variance than noise.
+    """
+    recorded, data = prepared.recorded(), prepared.data
     modeled = recorded - prepared.difference(choice.chosen.fit, held_out=False)
-    return float(np.corrcoef(recorded, modeled)[0, 1])
+    noise = np.broadcast_to(prepared.variance, data.usable.shape)[data.usable].mean() / data.n
+    reliability = 1 - noise / recorded.var()
+    if reliability < SURE * sqrt(2 / recorded.size):
+        return 1.0
+    return min(float(np.corrcoef(recorded, modeled)[0, 1]) / sqrt(reliability), 1.0)
 
 
 def _along_edges(prepared: Prepared, choice: Choice) -> bool:

@@ -32,14 +32,14 @@ FEWEST_COLUMNS = 4  # of a cubic spline
 
 
 class SimulatedScene(Scene):
-    """An object given by path lengths in water of one scan.
+    """An object given by path lengths of one scan through each material.
 
     Parameters
     ----------
-    paths_mm : ndarray, shape (views, rows, columns)
+    paths_mm : ndarray, shape (materials, views, rows, columns)
         Path lengths of the rays to the centers of the pixels, mm.
     geometry : OrbitGeometry
-    energy_kev : float
+    energy_kev, materials
         As in Scene.
 
     Raises
@@ -48,9 +48,14 @@ class SimulatedScene(Scene):
         For a scan with a displaced or flying focal spot, or too few columns.
     """
 
-    materials = ("water",)
-
-    def __init__(self, paths_mm: np.ndarray, geometry: OrbitGeometry, energy_kev: float, threads: int = 1):
+    def __init__(
+        self,
+        paths_mm: np.ndarray,
+        geometry: OrbitGeometry,
+        energy_kev: float,
+        threads: int = 1,
+        materials: tuple[str, ...] = ("water",),
+    ):
         if geometry.has_focal_spot_offset:
             raise InputError(
                 "simulation: rays of a displaced or flying focal spot cannot be interpolated; give an object"
@@ -60,6 +65,7 @@ class SimulatedScene(Scene):
                 f"simulation: {geometry.columns} columns cannot be interpolated; use at least {FEWEST_COLUMNS}"
             )
         self.paths_mm, self.geometry, self.energy_kev, self.threads = paths_mm, geometry, energy_kev, threads
+        self.materials = materials
         angles, columns = geometry.angles_rad, np.arange(geometry.columns)
         steps = np.diff(angles)
         if len(steps) < 1 or np.abs(steps - steps[0]).max() > UNEVEN * abs(steps[0]) or abs(steps[0]) > WIDEST_STEP_RAD:
@@ -74,8 +80,8 @@ class SimulatedScene(Scene):
         ahead = geometry.source_to_detector_mm - nearer
         self._column = CubicSpline(np.arctan2(across, ahead), columns)
         self._length = CubicSpline(columns, np.hypot(across, ahead))
-        self._coefficients = _spline(paths_mm, self._closed)
-        through = (paths_mm > OBJECT_MM).any(axis=(0, 1))
+        self._coefficients = [_spline(paths, self._closed) for paths in paths_mm]
+        through = (paths_mm > OBJECT_MM).any(axis=(0, 1, 2))
         off_axis = geometry.source_to_isocentre_mm * np.sin(np.arctan2(across, ahead))
         self.radius_mm = float(np.abs(off_axis[through]).max(initial=0.0))
 
@@ -97,14 +103,16 @@ class SimulatedScene(Scene):
         own_climb = above / (own.source_to_isocentre_mm * np.cos(fan))[:, None]
         row = (own_climb * self._length(column)[:, None] - own.row_positions_mm()[0]) / own.row_pitch_mm
         row = np.clip(row, 0, own.rows - 1)
-        found = np.empty(row.shape, np.float32)
+        found = np.empty((len(self.materials), *row.shape), np.float32)
 
         def run(first: int, last: int) -> None:
-            _interpolate(self._coefficients, view[first:last], row[first:last], column[first:last], found[first:last])
+            part = slice(first, last)
+            for coefficients, paths in zip(self._coefficients, found, strict=True):
+                _interpolate(coefficients, view[part], row[part], column[part], paths[part])
 
         run_in_threads(run, len(view), self.threads)
         found *= pose.size * np.sqrt((1 + climb**2) / (1 + own_climb**2))
-        return found.reshape(1, *geometry.shape)
+        return found.reshape(-1, *geometry.shape)
 
     def _views(self, angle_rad: np.ndarray, z_mm: np.ndarray) -> np.ndarray:
         """Return the indices of source angles, in the turn of the given heights."""

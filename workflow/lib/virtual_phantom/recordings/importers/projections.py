@@ -101,6 +101,7 @@ def import_projections(
         unit=unit,
         source=source,
     )
+    scan |= center_offsets(data.shape, bin)
     arrays = [None if array is None else binned(array, bin) for array in (data, white, black)]
     if white is not None and black is None:
         note(f"{source}: no dark field; the dark signal is taken as 0")
@@ -184,6 +185,24 @@ def binned(array: np.ndarray, factor: int) -> np.ndarray:
     high = factor if rows >= factor else 1  # a fan beam has one row
     kept = array[..., : rows // high * high, : columns // factor * factor]
     return kept.reshape(*views, rows // high, high, columns // factor, factor).mean(axis=(-3, -1), dtype=np.float32)
+
+
+def center_offsets(shape: Sequence[int], factor: int, stated_px: Sequence[float] = (0.0, 0.0)) -> dict[str, float]:
+    """Return detector offsets along columns and rows, in binned pixels: those stated, and of pixels that are dropped.
+
+    Parameters
+    ----------
+    shape : sequence of int
+        Views, rows and columns before `binned`.
+    stated_px : sequence of 2 float
+        Offsets along columns and rows, in these pixels.
+    """
+    found = {}
+    for name, count, offset in zip(("column", "row"), shape[:0:-1], stated_px, strict=True):
+        high = factor if count >= factor else 1
+        if center := (offset - count % high / 2) / high:
+            found[f"{name}_offset_px"] = center
+    return found
 
 
 def read_field(

@@ -1,4 +1,12 @@
-"""Import of a cone-beam scan of a Nikon (X-Tek) scanner: its parameter file (.xtekct) and its images."""
+"""Import of a cone-beam scan of a Nikon (X-Tek) scanner: its parameter file (.xtekct) and its images.
+
+Offsets have the signs of the reader in CIL (release 21) [1]_: positive ones displace the detector along its columns and
+upwards, and the axis of rotation along the columns.
+
+References
+----------
+.. [1] J. S. Jorgensen et al., Phil. Trans. R. Soc. A 379, 20200192, 2021.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +21,16 @@ from ..projections import BITS_8, quantized
 from ..recording import Recording
 from ..scan import SIZE
 from .arrays import read_frames
-from .projections import angle_keys, arranged, binned, read_angles, read_field, source_files, write_recording
+from .projections import (
+    angle_keys,
+    arranged,
+    binned,
+    center_offsets,
+    read_angles,
+    read_field,
+    source_files,
+    write_recording,
+)
 
 ANODES = {"tungsten": "W", "molybdenum": "Mo", "copper": "Cu", "silver": "Ag", "rhodium": "Rh"}
 TOP_ROW_FIRST = "vRc"  # images start with the top row
@@ -60,6 +77,9 @@ def import_xtekct(
     listed = source.with_suffix(".ang")
     if listed.is_file():
         angles = read_angles(listed)
+        if (angles[-1] - angles[0]) * _number(source, stated, "AngularStep") < 0:
+            angles = -angles  # right for the six balls of a real scan, and CIL only uses AngularStep
+            note(f"{listed}: its angles have the opposite sign of AngularStep, whose direction is used")
     else:
         angles = _number(source, stated, "InitialAngle") + _number(source, stated, "AngularStep") * np.arange(len(data))
     if len(angles) != len(data):
@@ -72,18 +92,21 @@ def import_xtekct(
         note(f"{source}: no flat field; the white level is taken as {level:g}, the same in all pixels")
     black = read_field(dark, None, "dark", data.shape, source)
     arrays = [binned(array, bin) for array in (data, white, np.zeros(size) if black is None else black)]
-    pitch = [bin * _number(source, stated, f"DetectorPixelSize{axis}") for axis in "XY"]
-    for key in ("DetectorOffsetX", "DetectorOffsetY", "CentreOfRotationTop", "CentreOfRotationBottom"):
-        if float(stated.get(key, 0)):
-            note(f"{source}: {key} {stated[key]} is not used; set scan.column_offset_px if the center is off")
+    pixel = [_number(source, stated, f"DetectorPixelSize{axis}") for axis in "XY"]
+    offsets = [mm / side for mm, side in zip(_offsets_mm(source, stated), pixel, strict=True)]
+    top, bottom = (_optional(source, stated, f"CentreOfRotation{end}") for end in ("Top", "Bottom"))
+    turned = {key: _optional(source, stated, key) for key in ("ObjectRoll", "ObjectTilt")}
+    if top != bottom or any(turned.values()):
+        note(f"{source}: the axis of rotation is tilted (ObjectRoll, ObjectTilt, CentreOfRotation), which is not used")
     scan = {
         "trajectory": "circular",
         "source_to_isocentre_mm": _number(source, stated, "SrcToObject"),
         "source_to_detector_mm": _number(source, stated, "SrcToDetector"),
         "columns": arrays[0].shape[2],
         "rows": arrays[0].shape[1],
-        "column_pitch_mm": pitch[0],
-        "row_pitch_mm": pitch[1],
+        "column_pitch_mm": bin * pixel[0],
+        "row_pitch_mm": bin * pixel[1],
+        **center_offsets(data.shape, bin, offsets),
         **angle_keys(angles, len(data)),
     }
     nominal = {"manufacturer": "Nikon"}
@@ -112,6 +135,21 @@ def _read(path: Path) -> dict[str, str]:
     except configparser.Error as error:
         raise InputError(f"{path}: is no parameter file of a Nikon scanner ({type(error).__name__})") from None
     return {key: value for section in parser.sections() for key, value in parser.items(section)}
+
+
+def _offsets_mm(path: Path, stated: dict[str, str]) -> tuple[float, float]:
+    """Return the displacement of the detector from the axis of rotation along columns and rows, mm at the detector."""
+    axis = sum(_optional(path, stated, f"CentreOfRotation{end}") for end in ("Top", "Bottom")) / 2
+    if "ObjectOffsetX" in stated:  # of newer files, mm at the object
+        enlarged = _number(path, stated, "SrcToDetector") / _number(path, stated, "SrcToObject")
+        axis = enlarged * _number(path, stated, "ObjectOffsetX")
+    along, up = (_optional(path, stated, f"DetectorOffset{direction}") for direction in "XY")
+    return along - axis, up
+
+
+def _optional(path: Path, stated: dict[str, str], key: str) -> float:
+    """Return a number, 0 if it is missing."""
+    return _number(path, {key: "0"} | stated, key)
 
 
 def _number(path: Path, stated: dict[str, str], key: str) -> float:

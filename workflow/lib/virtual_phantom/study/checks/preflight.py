@@ -214,11 +214,8 @@ def _recordings(study: Study, keep: bool) -> Iterator[str]:
     for name, entry in study.diagnosis.recordings.items():
         where = f"diagnosis.recordings.{name}"
         yield from _object(entry.object, f"{where}.object", keep)
-        if entry.simulation is not None and not Path(entry.simulation).is_file():
-            yield (
-                f"{where}.simulation: {entry.simulation}: is no file; give one HDF5 file of projections (images are "
-                "not supported)"
-            )
+        if entry.simulation is not None and not Path(entry.simulation).exists():
+            yield f"{where}.simulation: {entry.simulation}: does not exist; give an HDF5 file of projections, or images"
         if not {name, entry.physics_from or name} <= documents.keys():
             continue
         if lines := _messages(check_kinds, {name: entry}, documents):
