@@ -23,6 +23,7 @@ from ..fitting.fit import Fit
 from ..fitting.nuisance import pose_of
 from ..fitting.priors import BASELINE_CONFIG_KEY, declared
 from ..projections.discretization import model_and_floor
+from ..projections.object_errors import StatedObject
 from ..request import DiagnosisRequest, NominalSettings
 from ..scanned_object import scene_of
 from ..selection.forward_selection import Choice
@@ -117,6 +118,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         location=settings.location,
         slices_variance=slices_variance,
         reconstruct_finely=reconstruct_finely if of_slices else None,
+        uncertain=StatedObject.of(request, scene),
     )
 
 
