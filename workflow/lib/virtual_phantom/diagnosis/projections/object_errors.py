@@ -30,17 +30,20 @@ STEP_MM = 0.05  # growth of shapes for derivatives
 # HU at which the error of a phantom in HU is a parameter; linear between them. Soft tissues differ by 20 HU or more.
 NODES_HU = (-1000, -700, -300, -100, -50, 0, 25, 50, 75, 100, 150, 250, 500, 1000, 2000)
 DENSE_HU = 150  # from here on the relative error of the density adds to the error in HU
-# Amplitudes of two changes of the line integrals of voxels, mean and standard deviation.
+# Changes of the line integrals of voxels, from one scene to another, and their amplitude, mean and standard deviation.
+# - edge_blur: by a blur of sharp edges with a variance of half a squared voxel.
 # - sharp_edges: by sharp interfaces within voxels; 0 for an object with blurred edges.
-# - edge_blur: by a blur of these interfaces with a variance of half a squared voxel.
-EDGES = {"sharp_edges": (0.5, 0.5), "edge_blur": (0.0, 0.5)}
-PARTS_PER_PIXEL, MOST_PARTS, ROUNDING = 3, 4, 1e-6  # parts of voxels, each at most half a pixel wide at the isocenter
-# Variance of the attenuation in a voxel that remains unknown, relative to the variance s (1 - s) of a mixture of two
-# materials with shares s and 1 - s.
-# - of labels: the center of the voxel decides. For an edge at a uniformly distributed position, the share has the
-#   variance 1/12, and the mean of s (1 - s) is 1/6.
-# - of shares: the position follows from the share and its gradient. Measured with random ellipsoids (0.011 to 0.019).
-UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 1 / 2, 1 / 60
+EDGES = {
+    "edge_blur": ("sharp", "blurred", -0.25, 0.5),
+    "sharp_edges": ("told", "sharp", 0.5, 0.5),
+}
+PARTS_PER_PIXEL, MOST_PARTS, ROUNDING = 3, 4, 1e-6  # parts of voxels, a third of a pixel wide at the isocenter
+# Variance of the attenuation in a voxel that remains unknown, relative to that of its mixture (GridScene.variance).
+# - of labels: the mixture is that of an edge at a uniformly distributed position. Where a surface is parallel to the
+#   grid, neighboring voxels share the position, so that twice the variance is needed: with 1, view_blur stood out in
+#   two of three scans of bodies with voxels of half a pixel.
+# - of shares: the position follows from the share and its gradient. Measured for random bodies: 0.011 to 0.019.
+UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 2.0, 1 / 60
 EDGE_SHARE = 0.01  # of the largest variance by unknown edges, above which correlations of rays are estimated
 LEAST_CORRELATION = 0.1  # up to this correlation, neighbors vary together
 KEPT = 2  # whitened changes: of the fitted and of the held-out data
@@ -69,20 +72,18 @@ class Edges:
             "told": scene.attenuation(),
             "sharp": sharp,
             "blurred": sharp.blurred(),
-            "variance": best.variance(shares),
+            "variance": scene.variance(shares),
         }
-        # Errors of voxels along a ray are independent, so their variances add with squared path lengths. A pixel
-        # that is wider than a voxel averages over several.
-        width = scene.grid.spacing[2]
-        self._unknown = width * (UNKNOWN_OF_LABELS * min(1.0, width / pixel[2]) if binary else UNKNOWN_OF_SHARES)
+        # Errors of voxels along a ray are independent, so their variances add with squared path lengths.
+        self._unknown = scene.grid.spacing[2] * (UNKNOWN_OF_LABELS if binary else UNKNOWN_OF_SHARES)
 
     def at(self, pose: Pose) -> dict[str, np.ndarray]:
         """Return the changes of EDGES, shape (views, rows, columns)."""
 
         def make() -> dict[str, np.ndarray]:
-            told, sharp, blurred = (self._lines(name, pose) for name in ("told", "sharp", "blurred"))
-            changes = {"sharp_edges": sharp - told, "edge_blur": blurred - sharp}
-            return {name: changes[name] for name in self.names}
+            lines = {scene: self._lines(scene, pose) for scene in self._scenes if scene != "variance"}
+            ends = {name: EDGES[name][:2] for name in self.names}
+            return {name: lines[end] - lines[start] for name, (start, end) in ends.items()}
 
         return self._kept.get(pose, make)
 
@@ -93,7 +94,7 @@ class Edges:
         number of rays that vary together, which the change by sharp edges shows.
         """
         variance = self._unknown * self._lines("variance", pose)
-        change = next(iter(self.at(pose).values()))
+        change = self.at(pose)["sharp_edges" if "sharp_edges" in self.names else "edge_blur"]
         there = variance > EDGE_SHARE * variance.max()
         scaled = np.divide(change, np.sqrt(variance), out=np.zeros_like(variance), where=there)
         return np.sqrt(variance * np.prod([together(scaled, axis) for axis in range(3)]))
@@ -129,7 +130,7 @@ class ObjectErrors:
     @property
     def edge_numbers(self) -> tuple[Nuisance, ...]:
         """Nuisance parameters of the edges."""
-        return tuple(Nuisance(name, "1", *EDGES[name]) for name in (self.edges.names if self.edges else ()))
+        return tuple(Nuisance(name, "1", *EDGES[name][2:]) for name in (self.edges.names if self.edges else ()))
 
     def of_edges(self) -> ObjectErrors:
         """Return the errors of the edges alone."""

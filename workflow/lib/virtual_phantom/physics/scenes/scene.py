@@ -25,6 +25,7 @@ MIN_CUT_AMOUNT, MAX_EXTENSION = 0.25, 32
 # Surfaces of binary voxels: SD of the Gaussian, voxels, which smooths terraces; margin for it, voxels; and the least
 # change per voxel next to a surface. A Gaussian of 2.5 voxels removes balls with a radius of two voxels.
 SURFACE_SIGMA, MARGIN, LEAST_SLOPE = 1.25, 3, 0.02
+UNIFORM = 1 / 12  # variance of a uniformly distributed share
 
 
 class Scene:
@@ -148,14 +149,16 @@ class GridScene(Scene):
     def variance(self, shares: bool = True) -> GridScene:
         """Return the scene with the variance of the attenuation within voxels, 1/mm^2, as its only amount.
 
-        It is that of two or more materials without regard to where they are in the voxel.
+        It is that of two or more materials without regard to where they are in the voxel. Voxels that have one material
+        or none have the variance of a share of unknown size if a neighbor differs.
         """
-        mu, amounts = self.attenuation_per_mm.astype(np.float32), self._fractions
-        if shares:
+        margin = [(int(n > 1),) * 2 for n in self.grid.shape]
+        mu, amounts = self.attenuation_per_mm.astype(np.float32), np.pad(self._fractions, [(0, 0), *margin])
+        if shares and not self.is_binary:
             found = np.tensordot(mu**2, amounts, 1) - np.tensordot(mu, amounts, 1) ** 2
         else:
             mixed, low, high = phases(np.tensordot(mu, amounts, 1))
-            found = (high - low) ** 2 * mixed * (1 - mixed)
+            found = (high - low) ** 2 * (UNIFORM if self.is_binary else mixed * (1 - mixed))
         return self._with(np.maximum(found, 0)[None])
 
     def blurred(self) -> GridScene:
