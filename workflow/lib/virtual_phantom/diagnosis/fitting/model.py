@@ -6,7 +6,7 @@ import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -28,9 +28,6 @@ from .linearization import BASE, Linearization, LinearizationPoint, before_image
 from .nuisance import PLACE, SURE, Nuisance, pose_of
 from .priors import Label, Statement
 from .unknown import Unknown
-
-if TYPE_CHECKING:
-    from ..projections.object_errors import ObjectErrors
 
 DENSITY_SD = 0.02  # of the density scale where attenuation is absolute
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
@@ -67,7 +64,7 @@ class Model(ABC):
         fixed: Mapping[str, Mapping[str, float]] | None = None,
         density: tuple[float, float] = (1.0, DENSITY_SD),
         declared: Mapping[str, Mapping[str, Statement]] | None = None,
-        object_errors: ObjectErrors | None = None,
+        object_errors: Any = None,
     ):
         numbers = () if object_errors is None else (*object_errors.edge_numbers, *object_errors.numbers)
         self.chain, self.base_nuisances, self.anode, self.tube_kvp = chain, (*nuisances, *numbers), anode, tube_kvp

@@ -115,11 +115,14 @@ class ObjectErrors:
         Change of line integrals per unit.
     edges : Edges or None
         Edges of voxels, whose changes are fitted as numerical distortions.
+    stated : StatedObject or None
+        Object, for the same errors in another scan.
     """
 
     numbers: tuple[Nuisance, ...] = ()
     changes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1, 1, 1), np.float32))
     edges: Edges | None = None
+    stated: StatedObject | None = None
     _kept: LRUCache = field(default_factory=lambda: LRUCache(KEPT), repr=False)
 
     @property
@@ -192,7 +195,11 @@ class StatedObject:
                 raise InputError(
                     f"object_uncertainty.materials: the object has no material '{name}'; {did_you_mean(name, names)}"
                 )
-        return ObjectErrors(*self.amounts(geometry, samples, pose), self._edges(geometry, samples))
+        return ObjectErrors(*self.amounts(geometry, samples, pose), self._edges(geometry, samples), self)
+
+    def another(self, scene: Scene) -> StatedObject:
+        """Return another object, with default uncertainty of its materials."""
+        return StatedObject(scene, ObjectUncertainty(), self.mu_water_per_mm)
 
     def _edges(self, geometry: ScanGeometry, samples: int) -> Edges | None:
         """Return the edges of voxels; None for shapes, and for a phantom in HU with voxels up to half a pixel wide."""
