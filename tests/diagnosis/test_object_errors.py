@@ -13,6 +13,9 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.base.units import hu_to_attenuation
 from virtual_phantom.diagnosis.fitting.trial import trial
+from virtual_phantom.diagnosis.planning.information import information_gain, normal_equations
+from virtual_phantom.diagnosis.planning.measurement import FurtherScan
+from virtual_phantom.diagnosis.planning.ranking import conditions_of
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.projections.object_errors import StatedObject
@@ -175,8 +178,31 @@ def test_effects_that_errors_of_the_object_imitate_are_reported():
     assert "another tube voltage, or repeat the scan with the beam collimated" in found["next_measurement"][0]
 
 
-def test_sharp_edges_in_voxels_are_a_match(tmp_path):
-    labels = drawn(tmp_path / "labels.nii.gz", 0.7)  # half a detector pixel
+def test_scans_of_the_same_object_share_its_errors():
+    found = []
+    for uncertainty in (None, ObjectUncertainty()):
+        data = ready(uncertainty)
+        model, conditions = data.fitter.model, conditions_of(data)
+        fit = data.fitter.fit(("scatter",))
+        scene = model.chain.scene
+        other = ShapesScene([cylinder("pmma", (0, 0, 0), 60), cylinder(TEFLON, (0, 0, 0), 9)])
+        scans = [FurtherScan(str(number), "", of, GEOMETRY) for number, of in enumerate((scene, scene, other))]
+        parts = [scan.information(model, fit, conditions) for scan in scans]
+        counts = [len(set(part.keys) & set(parts[0].keys)) for part in parts[1:]]
+        keys = [key for key in parts[0].keys if key[0] == "scatter"]
+        gains = [
+            information_gain(normal_equations(parts[:1]), normal_equations([parts[0], part]), keys)
+            for part in parts[1:]
+        ]
+        found.append((counts, gains))
+    exact, uncertain = found
+    assert uncertain[0] == [exact[0][0] + 4, exact[0][1]]  # two densities and two surfaces
+    assert np.all(np.less(uncertain[1], exact[1]))
+
+
+@pytest.mark.parametrize("voxel_mm", [0.7, 2.8])  # half a detector pixel, and two
+def test_sharp_edges_in_voxels_are_a_match(tmp_path, voxel_mm):
+    labels = drawn(tmp_path / "labels.nii.gz", voxel_mm)
     labelled = read_label_map(labels, {str(label): material for label, material in MATERIALS.items()})
     scene = labelled_scene(labelled, ENERGY_KEV)
     true = ShapesScene([cylinder(*one) for one in CYLINDERS], ENERGY_KEV)

@@ -35,6 +35,7 @@ def test_label_map_is_diagnosed_and_again_after_a_change(folder):
     found = json.loads((made / "diagnosis.json").read_text())
     assert [effect["name"] for effect in found["effects"]] == ["spectrum"], found["sentence"]
     assert found["modelled"]["object"] == "the label map labels.nii.gz, of pmma and aluminium"
+    assert found["modelled"]["uncertainty of the object"] == "none: stated as exact"
     contrast = found["agreement"]["metrics"]["contrast"]
     off = [abs(contrast[when]["relative_difference"]) for when in ("after", "before")]
     assert off[0] < 0.01 < 0.1 < off[1]

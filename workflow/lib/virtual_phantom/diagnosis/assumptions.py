@@ -14,10 +14,11 @@ from ..physics.scenes.labeled import label_materials
 from ..physics.scenes.shapes import NOTHING
 from ..recordings.recording import Recording
 from .images.scan import ASSUMED
+from .projections.object_errors import DENSE_HU, DENSITY, SURFACE, ObjectErrors
 from .request import DiagnosisRequest, nominal_settings
 from .residuals.dataset import Prepared
 from .scanned_object import shaped_object
-from .settings import LabelledObject, ShapesObject
+from .settings import LabelledObject, RecordingSettings, ShapesObject
 
 OF_WATER = (
     "It gives one path length in water per ray. Beam hardening by bone, metal or a K edge is therefore not "
@@ -50,6 +51,7 @@ def model_assumptions(
         simulation["limits of the simulation"] = of_projections if recording.kind == "projections" else OF_IMAGES
     return simulation | {
         "object": object_text(request),
+        "uncertainty of the object": uncertainty_text(settings, prepared.fitter.model.object_errors),
         "scan": scan_text(request, recording),
         "beam before any effect": f"one energy, {kev:.3g} keV, at which water attenuates {water:.3g} per mm",
         "tube": f"anode of {nominal.anode.target} at {nominal.anode.angle_deg:g} degrees, {tube}",
@@ -101,6 +103,24 @@ def object_text(request: DiagnosisRequest) -> str:
         f"the study's phantom: {label(materials.soft)} scaled by the HU of each voxel, with "
         f"{label(materials.dense)} from {materials.dense_from_hu:g} HU"
     )
+
+
+def uncertainty_text(settings: RecordingSettings, errors: ObjectErrors | None) -> str:
+    """Return the standard deviations of the fitted errors of the object, in words."""
+    if settings.object_exact:
+        return "none: stated as exact"
+    numbers = () if errors is None else errors.numbers
+    uncertainty, found = settings.object_uncertainty, []
+    if numbers and settings.of_phantom:
+        found = [f"{uncertainty.hu:g} HU", f"{100 * uncertainty.density:g} % of the density above {DENSE_HU} HU"]
+    elif numbers:
+        sds = {number.name: number.sd for number in numbers}
+        densities = {name: sd for name, sd in sds.items() if name.startswith(DENSITY)}
+        found = [f"density of {label(name.removeprefix(DENSITY))} {100 * sd:g} %" for name, sd in densities.items()]
+        found.append(f"surfaces {max(sd for name, sd in sds.items() if name.startswith(SURFACE)):.2g} mm")
+    if errors is not None and errors.edges is not None:
+        found.append("edges within voxels")
+    return ", ".join(found) or "density scale and size alone"
 
 
 def scan_text(request: DiagnosisRequest, recording: Recording) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..base.errors import InputError
-from ..io import volumes
 from ..physics.chain import EVEN, Chain
 from ..physics.state import AIR
 from ..recordings.reading import load_recording
@@ -57,10 +56,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     stated = settings.samples or rays_of_simulation(scene, shape)
     samples, step = samples_and_step(stated, settings.view_step, settings.of_shapes, shape)
     model, floor = model_and_floor(scene, recording.geometry, samples, **detector)
-    coarse, uncertain = None, None
-    if not settings.object_exact and settings.simulation is None:
-        phantom = volumes.read_nifti(request.phantom) if settings.of_phantom else None
-        uncertain = StatedObject(scene, settings.object_uncertainty, request.mu_water_per_mm, phantom)
+    coarse = None
     if settings.of_phantom:
         voxels = coarse_scene(request.phantom, request.mu_water_per_mm, request.materials, request.threads)
         coarse = Chain(voxels, recording.geometry, samples=samples, **detector)
@@ -81,7 +77,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         step=step,
         time_remark="; ".join(filter(None, (scale_note(recording.scan), view_time_note(recording.scan)))),
         voxels=binary_voxels_remark(request, scene),
-        uncertain=uncertain,
+        uncertain=StatedObject.of(request, scene),
     )
 
 

@@ -40,7 +40,7 @@ NUISANCES = {  # {nuisance parameter: (description, unit)}
         f"piece_{n}": (f"local object mismatch {n}: attenuation added to the stated one", "1/mm")
         for n in range(1, MOST_PIECES + 1)
     },
-    "partial_volume": ("object edges: share of the change by partial volumes at smooth surfaces", ""),
+    "sharp_edges": ("object edges: share of the change by sharp edges within voxels", ""),
     "edge_blur": ("object edges: share of the change by a blur of half a squared voxel", ""),
 }
 OBJECT_ERRORS = {  # {beginning of the name of a nuisance parameter: (description, unit)}

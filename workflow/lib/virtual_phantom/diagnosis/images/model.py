@@ -84,7 +84,7 @@ class ImagesModel(Model):
         white = self.condenser.white
         mean = self.mean_image(physics, nuisance, linearization)
         design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
-        whitened = white(scaled(mean, nuisance))
+        whitened = white(scaled(mean, nuisance)) + self.by_object_errors(nuisance)
         if data.variance is None:
             return Prediction(whitened, np.empty(0), None, design)
         noise = self.noise_images(physics, nuisance, linearization)
@@ -106,11 +106,21 @@ class ImagesModel(Model):
 
         Noise is recorded (`recorded_noise`) or simulated, for at most REALIZATIONS images.
         """
-        mean, noise = self.mean_image(physics, nuisance, linearization), self.recorded_noise
+        mean, noise = self.image(physics, nuisance, linearization), self.recorded_noise
         if noise is not None:
-            return scaled(mean, nuisance) + noise[-count:]  # of the held-out slices
-        noise = self.noise_images(physics, nuisance, linearization)
-        return scaled(mean + noise[:count], nuisance)
+            return mean + noise[-count:]  # of the held-out slices
+        return mean + nuisance["scale"] * self.noise_images(physics, nuisance, linearization)[:count]
+
+    def image(self, physics, nuisance, linearization: Linearization = BASE) -> np.ndarray:
+        """Return the image without noise, HU, shape (z, y, x); arguments as in `predict`."""
+        mean = scaled(self.mean_image(physics, nuisance, linearization), nuisance)
+        return mean + self.condenser.white.inverse(self.by_object_errors(nuisance))
+
+    def by_object_errors(self, nuisance: Mapping[str, float]) -> np.ndarray:
+        """Return the whitened change by errors of the stated object; image effects do not act on it."""
+        if not self.object_errors.numbers:
+            return np.zeros(self.condenser.white.sd.shape)
+        return self.object_errors.lines(nuisance)
 
     def images(self, physics, nuisance, linearization: Linearization = BASE) -> tuple[np.ndarray, np.ndarray]:
         """Return `mean_image` and `noise_images`."""

@@ -18,9 +18,10 @@ from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import before_images
 from ..fitting.nuisance import NOMINAL_PHOTONS_SD, nuisances, pose_of
 from ..fitting.priors import Statement, stated_physics
+from ..projections.object_errors import ObjectErrors, StatedObject
 from ..residuals.dataset import Prepared, ResidualMaps
 from ..residuals.residual_tests import DomainTest, HalfResiduals
-from .model import REALIZATIONS, ImagesModel, noise_lines, scaled
+from .model import REALIZATIONS, ImagesModel, noise_lines
 from .observed import Condenser
 from .residual_maps import domain_tests
 from .whitening import LEAST_POWER, LEAST_POWER_OF_SLICES, image_whitening, local_variance
@@ -70,8 +71,7 @@ class PreparedImages(Prepared):
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
         """See Prepared.difference."""
         data = self.held_out if held_out else self.data
-        mean = self.fitter.model.mean_image(fit.physics, fit.nuisance, fit.linearization)
-        left = data.hu - scaled(mean, fit.nuisance)
+        left = data.hu - self.fitter.model.image(fit.physics, fit.nuisance, fit.linearization)
         if fit.pattern is not None:
             left -= data.white.inverse(np.where(data.usable, data.pattern_field(fit.pattern), 0))
         return left[data.usable]
@@ -96,6 +96,7 @@ def prepare(
     slices_variance: float | None = None,
     reconstruct_finely: Callable[[np.ndarray], np.ndarray] | None = None,
     known_image: np.ndarray | None = None,
+    uncertain: StatedObject | None = None,
 ) -> PreparedImages:
     """Estimate noise, numerical errors and alignment of a recording.
 
@@ -115,7 +116,7 @@ def prepare(
         Voxels that were reconstructed from complete data.
     seed : Stream
         Random stream of simulated noise.
-    anode, tube_kvp, nominal_photons, known, declared, location
+    anode, tube_kvp, nominal_photons, known, declared, location, uncertain
         See projections.prepared.prepare.
     slices_variance : float, optional
         If the repeats are slices of an object that is constant along z: factor of their sample variance that accounts
@@ -134,12 +135,12 @@ def prepare(
     of_slices = slices_variance is not None
     given = {"offset": OFFSET_SD_HU} | ({"size": SIZE_SD} if of_slices else {}) | (known or {})
 
-    def model(log_photons, sd):
+    def model(log_photons, sd, **more):
         aligned = nuisances(log_photons, sd, given, location=location)
         if of_slices:  # the same at every height
             aligned = tuple(number for number in aligned if number.name != "z_mm")
         label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
-        return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, **label)
+        return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, **label, **more)
 
     blank = model(np.log(TRIAL_PHOTONS), np.inf)
     stated, place = stated_physics(declared or {}), dict(location or {})
@@ -173,7 +174,12 @@ def prepare(
     log_photons = np.log(nominal_photons or photons)
     # Noise that is not fitted does not determine the photons, so they need a prior.
     stays = nominal_photons or len(fitted) == 1 or of_slices
-    final = model(log_photons, NOMINAL_PHOTONS_SD if stays else np.inf)
+    errors = ObjectErrors()
+    if uncertain is not None:
+        numbers, changes = uncertain.amounts(chain.geometry, chain.samples, pose)
+        images = [white(reconstruct(change[None])[0] - HU_AIR).astype(np.float32) for change in changes]
+        errors = ObjectErrors(numbers, np.stack(images)) if numbers else errors
+    final = model(log_photons, NOMINAL_PHOTONS_SD if stays else np.inf, object_errors=errors)
     if of_slices:
         final.recorded_noise, nulls = recorded_noise, noise
         if known_image is not None:

@@ -25,6 +25,7 @@ from ..fitting.fit import Fit
 from ..fitting.nuisance import pose_of
 from ..fitting.priors import BASELINE_CONFIG_KEY, declared
 from ..projections.discretization import model_and_floor
+from ..projections.object_errors import StatedObject
 from ..request import DiagnosisRequest, NominalSettings
 from ..scanned_object import MOST_SLICES, scene_of
 from ..selection.forward_selection import Choice
@@ -143,6 +144,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         slices_variance=slices_variance,
         reconstruct_finely=finely,
         known_image=simulated,
+        uncertain=StatedObject.of(request, scene),
     )
 
 

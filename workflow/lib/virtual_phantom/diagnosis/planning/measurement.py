@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,10 +14,11 @@ from ...physics.effect import DARK_DRIFT, DARK_LEVEL, DARK_NOISE, load
 from ...physics.state import MAX_VARIANCE, PHOTONS
 from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import before_images
-from ..fitting.nuisance import Nuisance
+from ..fitting.nuisance import Nuisance, pose_of
 from ..fitting.problem import Problem
 from ..noise.condensed import Blocks
 from ..projections.model import ScansModel
+from ..projections.object_errors import ObjectErrors
 from ..projections.observed import PARTS, ObservedScans, neighbors, white_shape
 from .information import MeasurementInformation, keys_of, measurement_information, slope
 
@@ -147,7 +148,8 @@ class FurtherScan:
         chain = chain.copy(chain.geometry.every(step)) if step > 1 else chain
         aligned = self._aligned(model, weighed or fit)
         known = {"tube_kvp": model.tube_kvp, "density": model.density, "declared": model.declared}
-        further = ScansModel(chain, aligned, anode=model.anode, **known)
+        errors = self._object_errors(model, chain, aligned)
+        further = ScansModel(chain, aligned, anode=model.anode, object_errors=errors, **known)
 
         def here(one: Fit) -> Fit:
             physics = {name: dict(values) for name, values in one.physics.items()}
@@ -181,7 +183,7 @@ class FurtherScan:
         found = []
         for number in model.base_nuisances:
             if number.name in (*model.distortions, *model.object_error_names):
-                continue  # more rays, smaller voxels and a known object make them small
+                continue  # more rays and smaller voxels make them small; errors of the object are those of this scan
             expected = number.expected
             if number.name == "log_photons":
                 expected = fit.nuisance[number.name] + np.log(self.photons)
@@ -189,6 +191,16 @@ class FurtherScan:
         named = {number.name for number in found}
         found += [Nuisance(name, "1", 1.0, sd) for name, sd in self.known.items() if name not in named]
         return tuple(found)
+
+    def _object_errors(self, model: ScansModel, chain: Chain, aligned: Sequence[Nuisance]) -> ObjectErrors:
+        """Return the errors of the scanned object; those of the existing recording's object are shared with it."""
+        stated = model.object_errors.stated
+        if stated is None:  # it is known exactly
+            return ObjectErrors()
+        if self.scene is not model.chain.scene:
+            stated = stated.another(self.scene)
+        place = pose_of({number.name: number.expected for number in aligned})
+        return ObjectErrors(*stated.amounts(chain.geometry, chain.samples, place))
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,6 @@ class ScansModel(Model):
         See Model.
     numerical : Numerical, optional
         Discretization errors. Each is fitted as a distortion of the line integrals, because it is systematic.
-    object_errors : ObjectErrors, optional
-        Errors of the stated object. They are nuisance parameters, too.
 
     Attributes
     ----------
@@ -63,9 +61,7 @@ class ScansModel(Model):
         object_errors: ObjectErrors | None = None,
         **settings,
     ):
-        self.object_errors = object_errors or ObjectErrors()
-        numbers = (*nuisances, *self.object_errors.edge_numbers, *self.object_errors.numbers)
-        super().__init__(chain, numbers, **settings)
+        super().__init__(chain, nuisances, object_errors=object_errors or ObjectErrors(), **settings)
         self.numerical = numerical
         self.pieces: Mapping[str, Inclusion] = {}
 
@@ -82,7 +78,7 @@ class ScansModel(Model):
     def distortions(self) -> tuple[str, ...]:
         """See Model.distortions."""
         numerical = () if self.numerical is None else self.numerical.names
-        return (*numerical, *self.object_errors.edges)
+        return (*numerical, *(number.name for number in self.object_errors.edge_numbers))
 
     def distortion(self, nuisance: Mapping[str, float], linearization: Linearization = BASE) -> np.ndarray | float:
         """See Model.distortion."""
@@ -91,25 +87,8 @@ class ScansModel(Model):
     def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """See Model.discretization_errors."""
         numerical = {} if self.numerical is None else self.numerical.at(linearization.errors)
-        return numerical | dict(self.object_errors.edges)
-
-    @property
-    def object_error_names(self) -> tuple[str, ...]:
-        """See Model.object_error_names."""
-        return self.object_errors.names
-
-    def with_exact_object(self) -> ScansModel:
-        """See Model.with_exact_object."""
-        found = copy.copy(self)
-        found.object_errors = ObjectErrors(edges=self.object_errors.edges)
-        found.base_nuisances = tuple(
-            number for number in self.base_nuisances if number.name not in self.object_error_names
-        )
-        return found
-
-    def object_changes(self, data: ObservedScans) -> np.ndarray:
-        """See Model.object_changes."""
-        return self.object_errors.whitened(data)
+        edges = self.object_errors.edges
+        return numerical | ({} if edges is None else edges.at(pose_of(linearization.errors.nuisance)))
 
     @property
     def source_angles_rad(self) -> np.ndarray:

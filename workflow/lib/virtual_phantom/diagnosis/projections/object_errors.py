@@ -15,12 +15,13 @@ from ...base.errors import InputError, did_you_mean
 from ...base.geometry import ScanGeometry
 from ...base.lru_cache import LRUCache
 from ...base.pose import IN_PLACE, Pose
-from ...io.volumes import Volume
+from ...io.volumes import Volume, read_nifti
 from ...physics.scenes.sampling import average_rays, supersampled
 from ...physics.scenes.scene import GridScene, Scene, VoxelScene
 from ...physics.scenes.shapes import ShapesScene
 from ..fitting.nuisance import Nuisance
 from ..noise.condensed import Observed
+from ..request import DiagnosisRequest
 from ..settings import ObjectUncertainty
 
 DENSITY, SURFACE, HU = "density_of_", "surface_of_", "hu_near_"  # prefixes of names of parameters
@@ -29,14 +30,77 @@ STEP_MM = 0.05  # growth of shapes for derivatives
 # HU at which the error of a phantom in HU is a parameter; linear between them. Soft tissues differ by 20 HU or more.
 NODES_HU = (-1000, -700, -300, -100, -50, 0, 25, 50, 75, 100, 150, 250, 500, 1000, 2000)
 DENSE_HU = 150  # from here on the relative error of the density adds to the error in HU
-# Amplitudes of two changes of the line integrals of voxels that have one material or none, mean and standard deviation.
-# - partial_volume: by partial volumes at smooth surfaces; 0 for an object of voxels.
-# - edge_blur: by a blur with a variance of half a squared voxel; interpolation between voxels blurs by a quarter.
-EDGES = {"partial_volume": (0.5, 0.5), "edge_blur": (-0.5, 0.5)}
-# Shares of these changes that remain after the fit as an error of each ray. For ellipsoids in binary voxels of 1 and
-# 2 mm, and pixels of 2.2 mm, the remaining errors are that large.
-LEFT = {"partial_volume": 0.75, "edge_blur": 0.5}
+# Changes of the line integrals of voxels, from one scene to another, and their amplitude, mean and standard deviation.
+# - edge_blur: by a blur of sharp edges with a variance of half a squared voxel.
+# - sharp_edges: by sharp interfaces within voxels; 0 for an object with blurred edges.
+EDGES = {
+    "edge_blur": ("sharp", "blurred", -0.25, 0.5),
+    "sharp_edges": ("told", "sharp", 0.5, 0.5),
+}
+PARTS_PER_PIXEL, MOST_PARTS, ROUNDING = 3, 4, 1e-6  # parts of voxels, a third of a pixel wide at the isocenter
+# Variance of the attenuation in a voxel that remains unknown, relative to that of its mixture (GridScene.variance).
+# - of labels: the mixture is that of an edge at a uniformly distributed position. Where a surface is parallel to the
+#   grid, neighboring voxels share the position, so that twice the variance is needed: with 1, view_blur stood out in
+#   two of three scans of bodies with voxels of half a pixel.
+# - of shares: the position follows from the share and its gradient. Measured for random bodies: 0.011 to 0.019.
+UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 2.0, 1 / 60
+EDGE_SHARE = 0.01  # of the largest variance by unknown edges, above which correlations of rays are estimated
+LEAST_CORRELATION = 0.1  # up to this correlation, neighbors vary together
 KEPT = 2  # whitened changes: of the fitted and of the held-out data
+KEPT_EDGES = 4  # poses
+
+
+class Edges:
+    """Changes of the line integrals of voxels by sharp edges of the object, and their unknown part.
+
+    Parameters
+    ----------
+    shares : bool
+        Whether amounts of the scene are shares of voxels; otherwise it is a phantom in HU.
+    """
+
+    def __init__(self, scene: GridScene, shares: bool, geometry: ScanGeometry, samples: int):
+        self._geometry, self._samples, self._kept = geometry, samples, LRUCache(KEPT_EDGES)
+        pixel = np.array([geometry.row_pitch_mm, *2 * (geometry.column_pitch_mm,)]) / geometry.magnification
+        parts = np.ceil(PARTS_PER_PIXEL * np.array(scene.grid.spacing) / pixel - ROUNDING).clip(1, MOST_PARTS)
+        parts = tuple(int(part) if n > 1 else 1 for part, n in zip(parts, scene.grid.shape, strict=True))
+        binary = shares and scene.is_binary
+        self.names = tuple(EDGES) if binary or max(parts) > 1 else ("edge_blur",)
+        best = scene.with_partial_volumes() if binary else scene
+        sharp = best.attenuation(parts, shares)
+        self._scenes = {
+            "told": scene.attenuation(),
+            "sharp": sharp,
+            "blurred": sharp.blurred(),
+            "variance": scene.variance(shares),
+        }
+        # Errors of voxels along a ray are independent, so their variances add with squared path lengths.
+        self._unknown = scene.grid.spacing[2] * (UNKNOWN_OF_LABELS if binary else UNKNOWN_OF_SHARES)
+
+    def at(self, pose: Pose) -> dict[str, np.ndarray]:
+        """Return the changes of EDGES, shape (views, rows, columns)."""
+
+        def make() -> dict[str, np.ndarray]:
+            lines = {scene: self._lines(scene, pose) for scene in self._scenes if scene != "variance"}
+            ends = {name: EDGES[name][:2] for name in self.names}
+            return {name: lines[end] - lines[start] for name, (start, end) in ends.items()}
+
+        return self._kept.get(pose, make)
+
+    def unknown(self, pose: Pose) -> np.ndarray:
+        """Return the standard deviation of line integrals by what is unknown of the edges.
+
+        Neighboring rays share errors. Weights of rays count them as independent, so the variance is multiplied by the
+        number of rays that vary together, which the change by sharp edges shows.
+        """
+        variance = self._unknown * self._lines("variance", pose)
+        change = self.at(pose)["sharp_edges" if "sharp_edges" in self.names else "edge_blur"]
+        there = variance > EDGE_SHARE * variance.max()
+        scaled = np.divide(change, np.sqrt(variance), out=np.zeros_like(variance), where=there)
+        return np.sqrt(variance * np.prod([together(scaled, axis) for axis in range(3)]))
+
+    def _lines(self, name: str, pose: Pose) -> np.ndarray:
+        return _lengths(self._scenes[name], self._geometry, self._samples, pose)[0]
 
 
 @dataclass(frozen=True)
@@ -49,13 +113,16 @@ class ObjectErrors:
         One for each error of a density or HU.
     changes : ndarray of float32, shape (numbers, views, rows, columns)
         Change of line integrals per unit.
-    edges : mapping of str to ndarray, shape (views, rows, columns)
-        Changes of EDGES, which are fitted as numerical distortions.
+    edges : Edges or None
+        Edges of voxels, whose changes are fitted as numerical distortions.
+    stated : StatedObject or None
+        Object, for the same errors in another scan.
     """
 
     numbers: tuple[Nuisance, ...] = ()
     changes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1, 1, 1), np.float32))
-    edges: Mapping[str, np.ndarray] = field(default_factory=dict)
+    edges: Edges | None = None
+    stated: StatedObject | None = None
     _kept: LRUCache = field(default_factory=lambda: LRUCache(KEPT), repr=False)
 
     @property
@@ -66,12 +133,11 @@ class ObjectErrors:
     @property
     def edge_numbers(self) -> tuple[Nuisance, ...]:
         """Nuisance parameters of the edges."""
-        return tuple(Nuisance(name, "1", *EDGES[name]) for name in self.edges)
+        return tuple(Nuisance(name, "1", *EDGES[name][2:]) for name in (self.edges.names if self.edges else ()))
 
-    @property
-    def left(self) -> tuple[np.ndarray, ...]:
-        """Standard deviations of the errors at edges that remain after the fit."""
-        return tuple(LEFT[name] * change for name, change in self.edges.items())
+    def of_edges(self) -> ObjectErrors:
+        """Return the errors of the edges alone."""
+        return ObjectErrors(edges=self.edges)
 
     def whitened(self, data: Observed) -> np.ndarray:
         """Return the whitened changes, shape (numbers, data)."""
@@ -102,6 +168,15 @@ class StatedObject:
     mu_water_per_mm: float
     phantom: Volume | None = None
 
+    @classmethod
+    def of(cls, request: DiagnosisRequest, scene: Scene) -> StatedObject | None:
+        """Return the object of a request; None if it is known exactly, or described by a simulation."""
+        settings = request.settings
+        if settings.object_exact or settings.simulation is not None:
+            return None
+        phantom = read_nifti(request.phantom) if settings.of_phantom else None
+        return cls(scene, settings.object_uncertainty, request.mu_water_per_mm, phantom)
+
     def errors(self, geometry: ScanGeometry, samples: int, pose: Pose = IN_PLACE) -> ObjectErrors:
         """Return the errors of the object in a scan with `samples` rays per pixel and direction.
 
@@ -120,25 +195,20 @@ class StatedObject:
                 raise InputError(
                     f"object_uncertainty.materials: the object has no material '{name}'; {did_you_mean(name, names)}"
                 )
-        return ObjectErrors(*self._amounts(geometry, samples, pose), self._edges(geometry, samples, pose))
+        return ObjectErrors(*self.amounts(geometry, samples, pose), self._edges(geometry, samples), self)
 
-    def _edges(self, geometry: ScanGeometry, samples: int, pose: Pose) -> dict[str, np.ndarray]:
-        """Return the changes of EDGES; none for shapes, and for a phantom, whose voxels are a numerical error."""
-        if self.phantom is not None or not isinstance(self.scene, GridScene):
-            return {}
+    def another(self, scene: Scene) -> StatedObject:
+        """Return another object, with default uncertainty of its materials."""
+        return StatedObject(scene, ObjectUncertainty(), self.mu_water_per_mm)
 
-        def lines(scene: GridScene) -> np.ndarray:
-            lengths = _lengths(scene, geometry, samples, pose)
-            return np.tensordot(scene.attenuation_per_mm.astype(np.float32), lengths, 1)
+    def _edges(self, geometry: ScanGeometry, samples: int) -> Edges | None:
+        """Return the edges of voxels; None for shapes, and for a phantom in HU with voxels up to half a pixel wide."""
+        if not isinstance(self.scene, GridScene):
+            return None
+        edges = Edges(self.scene, self.phantom is None, geometry, samples)
+        return edges if self.phantom is None or "sharp_edges" in edges.names else None
 
-        binary = self.scene.is_binary
-        partial = self.scene.with_partial_volumes() if binary else self.scene
-        here = lines(partial)
-        return ({"partial_volume": here - lines(self.scene)} if binary else {}) | {
-            "edge_blur": lines(partial.blurred()) - here
-        }
-
-    def _amounts(self, geometry: ScanGeometry, samples: int, pose: Pose) -> tuple[tuple[Nuisance, ...], np.ndarray]:
+    def amounts(self, geometry: ScanGeometry, samples: int, pose: Pose) -> tuple[tuple[Nuisance, ...], np.ndarray]:
         """Return the errors of densities or HU, and their changes."""
         if self.phantom is not None:
             scene, numbers = self._hu_errors()
@@ -178,6 +248,18 @@ class StatedObject:
         numbers = [Nuisance(f"{HU}{node}", "HU", 0.0, float(sd)) for node, sd in zip(nodes[there], sds, strict=True)]
         materials = ("water",) * len(numbers)
         return VoxelScene(shares[there], self.phantom.grid, materials, scene.energy_kev, scene.threads), numbers
+
+
+def together(values: np.ndarray, axis: int) -> float:
+    """Return the number of neighbors along an axis that vary together: the variance of a mean, times their number."""
+    values, length = np.moveaxis(values, axis, 0), values.shape[axis]
+    square, total = float((values**2).sum()) / length, 0.0
+    for lag in range(1, length):
+        product = float((values[:-lag] * values[lag:]).sum()) / length
+        if product < LEAST_CORRELATION * square:
+            break
+        total += product
+    return 1 + 2 * total / square if square else 1.0
 
 
 def words_of(name: str, error: float) -> str:

@@ -305,7 +305,9 @@ def prepare(
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
     errors = ObjectErrors() if uncertain is None else uncertain.errors(chain.geometry, chain.samples, place)
-    left = (*numerical.left(LinearizationPoint({}, location or {})), *errors.left)
+    left = numerical.left(LinearizationPoint({}, location or {}))
+    if errors.edges is not None:
+        left = (*left, errors.edges.unknown(place))
     fitted, held, words = split(taken, further)
     if single:
         correlations = of_state(chain.state(stated, place, photons=photons, anode=anode))

@@ -15,6 +15,7 @@ from ...base.pose import IN_PLACE, Pose, turned_back
 from ...io.volumes import Volume
 from ...projectors.cpu import check_in_orbit
 from ..beam.materials import Material, Segmentation, attenuation_per_mm, energy_of
+from .interfaces import divided, phases, repeated
 from .rays import Rays, Voxels
 
 DISC_ENERGY_KEV = 60.0  # default energy of the monochromatic beam: about the mean of a body scan at 120 kV
@@ -22,8 +23,9 @@ DISC_ENERGY_KEV = 60.0  # default energy of the monochromatic beam: about the me
 # is not empty), and largest number of slices.
 MIN_CUT_AMOUNT, MAX_EXTENSION = 0.25, 32
 # Surfaces of binary voxels: SD of the Gaussian, voxels, which smooths terraces; margin for it, voxels; and the least
-# change per voxel next to a surface.
-SURFACE_SIGMA, MARGIN, LEAST_SLOPE = 2.5, 3, 0.02
+# change per voxel next to a surface. A Gaussian of 2.5 voxels removes balls with a radius of two voxels.
+SURFACE_SIGMA, MARGIN, LEAST_SLOPE = 1.25, 3, 0.02
+UNIFORM = 1 / 12  # variance of a uniformly distributed share
 
 
 class Scene:
@@ -122,6 +124,43 @@ class GridScene(Scene):
         every /= np.maximum(every.sum(axis=0), LEAST_SLOPE)
         return self._with(every[:-1])
 
+    def attenuation(self, parts: tuple[int, int, int] = (1, 1, 1), shares: bool = True) -> GridScene:
+        """Return the scene with the attenuation as its only amount, 1/mm, in parts of voxels with sharp interfaces.
+
+        Parameters
+        ----------
+        parts : tuple of 3 int, optional
+            Parts of a voxel along each axis.
+        shares : bool, optional
+            Whether amounts are shares of voxels; otherwise the neighbors' least and largest attenuation are mixed.
+        """
+        mu, margin = self.attenuation_per_mm.astype(np.float32), [(int(n > 1),) * 2 for n in self.grid.shape]
+        amounts = np.pad(self._fractions, [(0, 0), *margin])
+        if max(parts) == 1:
+            total = np.tensordot(mu, amounts, 1)
+        elif shares:
+            total = sum(one * divided(amount, parts) for one, amount in zip(mu, amounts, strict=True))
+        else:
+            mixed, low, high = phases(np.tensordot(mu, amounts, 1))
+            low, high = (repeated(values, parts) for values in (low, high))
+            total = low + (high - low) * divided(mixed, parts)
+        return self._with(total[None], parts)
+
+    def variance(self, shares: bool = True) -> GridScene:
+        """Return the scene with the variance of the attenuation within voxels, 1/mm^2, as its only amount.
+
+        It is that of two or more materials without regard to where they are in the voxel. Voxels that have one material
+        or none have the variance of a share of unknown size if a neighbor differs.
+        """
+        margin = [(int(n > 1),) * 2 for n in self.grid.shape]
+        mu, amounts = self.attenuation_per_mm.astype(np.float32), np.pad(self._fractions, [(0, 0), *margin])
+        if shares and not self.is_binary:
+            found = np.tensordot(mu**2, amounts, 1) - np.tensordot(mu, amounts, 1) ** 2
+        else:
+            mixed, low, high = phases(np.tensordot(mu, amounts, 1))
+            found = (high - low) ** 2 * (UNIFORM if self.is_binary else mixed * (1 - mixed))
+        return self._with(np.maximum(found, 0)[None])
+
     def blurred(self) -> GridScene:
         """Return the scene blurred by weights (1, 2, 1) / 4 along each axis."""
         amounts = np.pad(self._fractions, ((0, 0), (0, 0), (1, 1), (1, 1)))
@@ -146,11 +185,12 @@ class GridScene(Scene):
             change[...] = np.divide(along, steep, out=change, where=steep > 0)
         return self._with(changes)
 
-    def _with(self, amounts: np.ndarray) -> GridScene:
-        """Return the scene with other amounts, on a grid with the same center."""
+    def _with(self, amounts: np.ndarray, parts: tuple[int, int, int] = (1, 1, 1)) -> GridScene:
+        """Return the scene with other amounts, on a grid with the same center whose voxels are divided into parts."""
         scene = copy.copy(self)
         scene._fractions, scene._voxels = amounts, Voxels(amounts)
-        scene.grid = replace(self.grid, shape=amounts.shape[1:])
+        spacing = tuple(side / count for side, count in zip(self.grid.spacing, parts, strict=True))
+        scene.grid = replace(self.grid, shape=amounts.shape[1:], spacing=spacing)
         return scene
 
     @property
