@@ -2,11 +2,13 @@
 
 XCIST scans a phantom of the blind validation with one strong hidden effect. The scan by SCAN is diagnosed, and the
 verdict is written to physics.yaml. The study simulates the protocol HELD_OUT with this file (`physics: {from: ...}`),
-without it, and with the wrong effect: the one that fits SCAN best alone, among those that are neither hidden nor
-indistinguishable from the hidden effect. Features are in 2D, from filtered back-projections on the same grid.
+without it, and with a wrong effect. The wrong effect fits SCAN best alone, among effects that are neither hidden nor
+indistinguishable from the hidden effect. Features are in 2D, from filtered back-projections on the same grid. Measures:
 
-"error" is the median over features and regions of |mean of the study's repeats / mean of XCIST's repeats - 1|, "within"
-the share of means that differ by at most one SD of XCIST's repeats. "noise" compares two halves of XCIST's repeats.
+* "error": median over features and regions of |mean of the study's repeats / mean of XCIST's repeats - 1|
+* "within": share of the study's means that differ from XCIST's by at most one SD of XCIST's repeats
+* "noise" compares two halves of XCIST's repeats.
+
 Finished cases of the output file are not repeated.
 """
 
@@ -55,7 +57,7 @@ def error_of(recorded: np.ndarray, simulated: np.ndarray) -> float:
     Parameters
     ----------
     recorded, simulated : ndarray, shape (repeats, quantities)
-        Quantities with a recorded mean of 0 are left out.
+        Quantities with a recorded mean of 0 do not count.
     """
     theirs, ours = recorded.mean(axis=0), simulated.mean(axis=0)
     there = theirs != 0

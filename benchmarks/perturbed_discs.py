@@ -210,7 +210,7 @@ def contradicted(content: Mapping) -> list[str]:
 def added(content: Mapping, control: Mapping) -> list[set[str]]:
     """Groups of indistinguishable effects that the control does not name, contradicted ones first.
 
-    An effect that the control names with all parameters in the control's intervals is left out.
+    Without effects that the control names, if all their parameters are in the control's intervals.
     """
     known = {effect["name"]: effect["parameters"] for effect in control["effects"]}
     groups = [{name} for name in contradicted(content) if name not in contradicted(control)]
