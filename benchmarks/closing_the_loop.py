@@ -23,8 +23,7 @@ import yaml
 from benchmarks import common
 from benchmarks.common import simulator_scans
 from virtual_phantom.base.settings import FbpSettings, to_mapping
-from virtual_phantom.base.streams import Branch, branch, generator
-from virtual_phantom.config.dependencies import resource
+from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.comparison.agreement import share_within
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume, complete, image_grid, phantom_regions
@@ -37,7 +36,6 @@ from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.beam.sensors import Sensor
 from virtual_phantom.physics.scenes.scene import Pose
 from virtual_phantom.proof.hiding.objects import OBJECTS
-from virtual_phantom.proof.hiding.phantoms import build
 from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.report.diagnosis import overlay_of
 from virtual_phantom.simulation.acquire import acquire
@@ -157,8 +155,7 @@ def row_of(number: int, options, config) -> dict:
         tried = candidates(model.settings)
         diagnosis = run_diagnosis(simulator_scans.request(model), tried, config.diagnosis.model_accuracy, images=False)
         found = {"verdict": overlay_of(diagnosis)["physics"], "none": {}, "wrong": wrong_effect(diagnosis, hidden)}
-        stream = branch(config.seed, Branch.PROOF_PHANTOM)
-        phantom = build(one, resource(one.layout), SCAN["columns"], SCAN["rows"], stream)
+        phantom = simulator_scans.built(PHANTOM, SCAN["columns"], SCAN["rows"], config.seed)
         held_out = HeldOut(folders["held_out"], phantom, one, config, seed, options.rays)
         recorded = held_out.recorded()
         compared = {"noise": (recorded[::2], recorded[1::2])}
