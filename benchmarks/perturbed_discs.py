@@ -6,8 +6,8 @@ declared (`baseline_from`) in two further diagnoses: of the same scan (control),
 a folder; finished cases in it are not repeated.
 
 FAULTS defines the right answers. Answers of the control do not count, unless a parameter is outside of the control's
-95 % interval. A group of k indistinguishable effects scores the share of right ones in it. A declared effect counts as
-named if the report finds that its declared value contradicts the data.
+95 % interval. The same holds for declared effects that contradict the data, which count as named. A group of k
+indistinguishable effects scores the share of right ones in it.
 """
 
 import json
@@ -201,25 +201,25 @@ def diagnosed(folder: Path, name: str, declared: Path | None, check_setup: bool)
     return run_diagnosis(request, TRIED, accuracy, images=False).content
 
 
-def contradicted(content: Mapping) -> list[str]:
-    """Declared effects that the data contradict."""
-    declared = content.get("declared", {})
-    return [name for name, values in declared.items() if any(value["off"] for value in values.values())]
+def moved(parameters: Mapping, control: Mapping) -> bool:
+    """Whether a parameter is outside of the control's 95 % interval."""
+    both = parameters.keys() & control.keys()
+    return any(not control[key]["ci95"][0] <= parameters[key]["value"] <= control[key]["ci95"][1] for key in both)
 
 
 def added(content: Mapping, control: Mapping) -> list[set[str]]:
-    """Groups of indistinguishable effects that the control does not name, contradicted ones first.
+    """Groups of indistinguishable effects that the control does not name, or names with other values.
 
-    Without effects that the control names, if all their parameters are in the control's intervals.
+    Declared effects that the data contradict come first.
     """
     known = {effect["name"]: effect["parameters"] for effect in control["effects"]}
-    groups = [{name} for name in contradicted(content) if name not in contradicted(control)]
+    stated, groups = control.get("declared", {}), []
+    for name, parameters in content.get("declared", {}).items():
+        if any(one["off"] for one in parameters.values()) and moved(parameters, stated.get(name, {})):
+            groups.append({name})
     for effect in content["effects"]:
         name = effect["name"]
-        intervals = {key: one["ci95"] for key, one in known.get(name, {}).items()}
-        values = {key: one["value"] for key, one in effect["parameters"].items()}
-        same = [intervals[key][0] <= values[key] <= intervals[key][1] for key in intervals.keys() & values.keys()]
-        if name not in known or not all(same):
+        if name not in known or moved(effect["parameters"], known[name]):
             groups.append({name, *content["ambiguous_with"].get(name, ())})
     return groups
 

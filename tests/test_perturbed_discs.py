@@ -82,9 +82,16 @@ def test_effects_of_the_control_count_only_with_another_value():
     assert score("gains", content(effect("gain_pattern", 1.6)), control) == (1, 1, 0)
 
 
-def test_contradicted_declared_effect_is_named():
-    declared = {"dark_signal": {"level_units": {"off": True}}}
-    assert score("constant", content(effect("scatter"), declared=declared)) == (1, 1, 1)
+def test_contradicted_declared_effect_is_named_with_another_value_than_in_the_control():
+    def declared(value, off):
+        return {
+            "declared": {"dark_signal": {"level_units": {"value": value, "off": off, "ci95": [value - 1, value + 1]}}}
+        }
+
+    control = content(**declared(5.0, False))
+    assert score("constant", content(effect("scatter"), **declared(6.5, True)), control) == (1, 1, 1)
+    assert score("constant", content(**declared(6.5, False)), control) == (0, 0, 0)
+    assert score("constant", content(**declared(5.5, True)), control) == (0, 0, 0)
 
 
 @pytest.mark.parametrize(
