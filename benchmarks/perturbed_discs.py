@@ -215,7 +215,7 @@ def added(content: Mapping, control: Mapping) -> list[set[str]]:
     known = {effect["name"]: effect["parameters"] for effect in control["effects"]}
     stated, groups = control.get("declared", {}), []
     for name, parameters in content.get("declared", {}).items():
-        if any(one["off"] for one in parameters.values()) and moved(parameters, stated.get(name, {})):
+        if moved({key: one for key, one in parameters.items() if one["off"]}, stated.get(name, {})):
             groups.append({name})
     for effect in content["effects"]:
         name = effect["name"]
