@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from functools import cache
 from pathlib import Path
 
 from benchmarks.common.tuning_objects import OBJECTS, acquire, build, scan_of
@@ -43,11 +44,17 @@ def left_to_do(options, rows):
     return {case: truth for case, truth in truths(proof_settings(drawn)).items() if case not in done}
 
 
+@cache
+def built(phantom, columns, rows, seed):
+    """Phantom of the blind validation, as a study with this seed makes it."""
+    one = OBJECTS[phantom]
+    return build(one, resource(one.layout), columns, rows, branch(seed, Branch.PROOF_PHANTOM))
+
+
 def recorded(folder, truth, config, seed, baseline=None, taken=SCAN):
     """Write the recording and the object of a case; returns what a diagnosis request needs. `taken` is the scan."""
     one, mu = OBJECTS[phantom_of(truth)], config.mu_water_per_mm
-    stream = branch(config.seed, Branch.PROOF_PHANTOM)
-    phantom = build(one, resource(one.layout), taken["columns"], taken["rows"], stream)
+    phantom = built(phantom_of(truth), taken["columns"], taken["rows"], config.seed)
     hidden = hidden_settings({"effects": truth["effects"]})
     orbit, scan = scan_of(one, taken, energy_of_water(mu), hidden)
     readings = acquire(scan, one, phantom.fine, mu, taken["repeats"], scan_seed(seed, truth["number"]))

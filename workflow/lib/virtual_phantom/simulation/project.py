@@ -33,6 +33,7 @@ def project_phantom(
     sensor: Sensor,
     threads: int = 1,
     pose: Pose = IN_PLACE,
+    samples: int = 1,
 ) -> tuple[np.ndarray, State | None]:
     """Return the noise-free line integrals of a phantom.
 
@@ -48,23 +49,25 @@ def project_phantom(
         Decomposition of HU.
     pose : Pose, optional
         Pose of the phantom.
+    samples : int, optional
+        Rays per pixel and direction; 1: rays through the centers of the pixels.
 
     Returns
     -------
     line_integrals : ndarray, shape (views, rows, columns)
     state : State or None
-        State of the chain at one photon per pixel, from which noise is simulated; None: baseline.
+        State of the chain at one photon per pixel, from which noise is simulated; None: baseline with one sample.
 
     Raises
     ------
     InputError
         If the phantom extends beyond the field of view.
     """
-    if not physics:
+    if not physics and samples == 1:
         return clean_line_integrals(phantom, geometry, mu_water_per_mm, threads, pose), None
     check_scannable(phantom, geometry, pose)
     scene = VoxelScene.of(phantom, materials, mu_water_per_mm, threads)
-    state = Chain(scene, geometry, photons=1.0, sensor=sensor).state(physics, pose)
+    state = Chain(scene, geometry, photons=1.0, samples=samples, sensor=sensor).state(physics, pose)
     # The dark signal is relative to the number of photons, which is not known before the noise level.
     return replace(state, dark=None, dark_air=0.0).line_integrals(), state
 
