@@ -186,8 +186,14 @@ def _rois(sizes: Sizes) -> Iterator[Job]:
 
 def _kernels(sizes: Sizes) -> Iterator[Job]:
     output = BY_NAME["kernels"]
-    for lanes in sorted({1, *map(len, sizes.plan.bundles())}):
-        yield _job(output, output.paths(lanes=lanes), {"job": 1})
+    plan = sizes.plan
+    used = {
+        (plan.study.protocols[protocols[0]].algorithm, lanes)
+        for bundle, protocols in plan.jobs()
+        for lanes in plan.lanes(protocols[0], bundle)
+    }
+    for step, lanes in sorted({("project", 1), *used}):
+        yield _job(output, output.paths(step=step, lanes=lanes), {"job": 1})
 
 
 def _projections(sizes: Sizes) -> Iterator[Job]:
