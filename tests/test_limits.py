@@ -65,7 +65,7 @@ def minutes_of(name, engine="cpu"):
         {"scan": {"rows": 1024, "row_pitch_mm": 0.5}},
         {"scan": {"columns": 1280, "column_pitch_mm": 0.5}},
         {"protocols": {"sirt_150": {"projections": 300}, "fbp_150": {"projections": 300}}},
-        {"reconstruction": {"sirt": {"terms": 75}}},
+        {"reconstruction": {"sirt": {"tolerance_hu": 0}}},
         {"reconstruction": {"sirt": {"solver": "plain"}}},
     ],
 )

@@ -50,7 +50,7 @@ def reconstruct_hu(
         operator = projector(engine, geometry, grid, at_once, threads)
 
         def images(some):
-            return sirt.sirt(operator, some, **vars(settings))
+            return sirt.sirt(operator, some, **vars(settings), mu_water_per_mm=mu_water_per_mm)
 
     elif algorithm == "fbp":
         operator = parallel_projector(engine, geometry, grid, at_once, threads)
