@@ -34,8 +34,8 @@ STAGE_UNITS = {
     "trust": ["job", "comparison"],
 }
 HEAD = """# What one core took, and what was written, per unit of work (units: jobs.py and diagnoses.py in
-# virtual_phantom/study/costs). Made by benchmarks/fit_rates.py, of diagnoses by diagnosis_rates.py, of voxel-driven SIRT
-# by sirt_rates.py. `snakemake plan` stops at a stage that is not here.
+# virtual_phantom/study/costs). Made by benchmarks/fit_rates.py, of diagnoses by diagnosis_rates.py, of voxel-driven
+# SIRT by sirt_rates.py. `snakemake plan` stops at a stage that is not here.
 """
 RATES = RESOURCES / "rates.yaml"
 

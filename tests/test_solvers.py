@@ -137,7 +137,7 @@ def test_tolerance_holds_for_an_object_that_leaves_the_grid():
     geometry = circular(views=40, columns=36, rows=8, **(SCANNER | dict(column_pitch_mm=16.0, row_pitch_mm=16.0)))
     small = Grid((6, 24, 24), (8.0, 11.0, 11.0))
     large = Grid((12, 36, 36), (8.0, 11.0, 11.0))
-    projector, whole = CpuProjector(geometry, small, 2), CpuProjector(geometry, large, 2)
+    whole = CpuProjector(geometry, large, 2)
     z, y, x = large.axes_mm()
     balls = (x / 100) ** 2 + (y[:, None] / 100) ** 2 + (z[:, None, None] / 20) ** 2 < 1
     rods = np.broadcast_to((x / 170) ** 2 + (y[:, None] / 150) ** 2 < 1, large.shape)

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 
-from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.config.settings import Study
@@ -25,12 +24,6 @@ def main(
     from virtual_phantom.study.costs.table import cost_summary, diagnoses_text, plan_text
 
     table, content = cost_summary(Plan(study), engine, read_rates(cost_rates_file))
-    if missing := content["jobs_without_rate"]:
-        stages = ", ".join(f"{stage} ({jobs} jobs)" for stage, jobs in missing.items())
-        raise InputError(
-            f"{cost_rates_file}: has no measured rate for {stages}, so that the plan would lack them; measure it as "
-            "docs/explanation/performance.md says (Rates of the plan)"
-        )
     content["diagnoses"] = list(diagnoses)
     files.write_csv(table, table_file)
     files.write_text(json.dumps(content, indent=2) + "\n", totals_file)

@@ -123,6 +123,7 @@ class SirtUpdate:
         self.column_weights = _reciprocal(projector.one_lane(column_sum), UNSEEN * float(column_sum.max()))
 
     def __call__(self, volume):
+        """Return the update of a packed volume."""
         total = self.projector.empty_volume()
         for block, measured, weights in zip(self.blocks, self.measured, self.row_weights, strict=True):
             residual = self.projector.forward(volume, block)

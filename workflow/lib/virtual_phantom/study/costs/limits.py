@@ -21,8 +21,8 @@ UNKNOWN_MINUTES = 240
 FACTORS = {
     # The rate is of an H100 (docs/explanation/performance.md); small GPUs have an eighth of its arithmetic speed.
     "reconstruct_sirt_astra_cuda": 8 * SAFETY,
-    # The rate is of typical effects; all eighteen took up to XX times as long (benchmarks/effects.py).
-    "project_physics": 10 * SAFETY,
+    # The rate is of a spectrum; all effects together took up to 27 times as long (benchmarks/effects.py).
+    "project_physics": 27 * SAFETY,
 }
 
 
