@@ -1,8 +1,7 @@
 """Fit the rates of SIRT at the paper's scale, with voxel-driven back-projection (4 minutes, 9 GB).
 
-Times few Chebyshev steps of config/paper.yaml for several numbers of projections and realizations, and scales them to
-the expected number, because all steps take the same time, and to all views. The times of the steps are printed.
-Writes the stage
+Times few Chebyshev steps of config/paper.yaml for several numbers of projections and realizations. They are scaled to
+the expected number of steps, which all take the same time, and to all views. Writes the stage
 `reconstruct_sirt_voxel` of the library's rates.yaml if --machine is given.
 """
 

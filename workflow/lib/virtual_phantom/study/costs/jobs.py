@@ -27,8 +27,8 @@ from ...features.names import FEATURES
 from .. import analyses
 from ..acquisitions import GRID
 
-# HU that 95 % of the voxels differ by where Chebyshev terms stop (sirt.py), for a phantom within the grid: 52 terms
-# reached 1 HU, and 49 reached 2 HU (python -m benchmarks run sirt_tolerance).
+# HU by which 95 % of the voxels change with a Chebyshev term (sirt.py). It gives 53 terms for a tolerance of 1 HU; a
+# phantom inside the grid took 50, and one that crosses its ends 65 (python -m benchmarks run sirt_tolerance).
 CHANGE_HU = 1200.0
 # Realizations that fill a vector register of the projector; fewer cost the same (docs/explanation/performance.md).
 REGISTER = 16
