@@ -2,7 +2,7 @@
 
 Times come from Snakemake's metadata, sizes from the files in the results. Run it after config/paper_groups.yaml on an
 idle machine. To include noisy projections, run the study with `--config keep_projections=True` and some of these files
-as targets. The rates of diagnoses stay: diagnosis_rates.py writes them. Prints measured and estimated totals per stage.
+as targets. Rates of stages that the study does not have stay. Prints measured and estimated totals per stage.
 """
 
 import base64
@@ -17,7 +17,6 @@ from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.io.files import write_text
-from virtual_phantom.study.costs.diagnoses import STAGE
 from virtual_phantom.study.costs.jobs import study_jobs
 from virtual_phantom.study.costs.rates import fit, read_rates, seconds
 from virtual_phantom.study.costs.table import roi_count
@@ -35,8 +34,8 @@ STAGE_UNITS = {
     "trust": ["job", "comparison"],
 }
 HEAD = """# What one core took, and what was written, per unit of work (units: jobs.py and diagnoses.py in
-# virtual_phantom/study/costs). Made by benchmarks/fit_rates.py, of diagnoses by benchmarks/diagnosis_rates.py. A stage
-# that is not here was not measured, and is not estimated.
+# virtual_phantom/study/costs). Made by benchmarks/fit_rates.py, of diagnoses by diagnosis_rates.py, of voxel-driven
+# SIRT by sirt_rates.py. `snakemake plan` stops at a stage that is not here.
 """
 RATES = RESOURCES / "rates.yaml"
 
@@ -97,10 +96,8 @@ def run(options):
     }
     report(timed, rates)
     before = read_rates(RATES)
-    if STAGE in before["seconds"]:
-        rates["measured"]["diagnoses"] = before["measured"]["diagnoses"]
-        rates["seconds"][STAGE] = before["seconds"][STAGE]
-    write(rates)
+    print("rates that stay as they were:", *sorted(before["seconds"].keys() - rates["seconds"].keys()))
+    write({part: before[part] | rates[part] for part in rates})
 
 
 def by_stage(timed, rates=None):

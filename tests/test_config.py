@@ -83,7 +83,7 @@ def test_defaults_are_filled_in():
     config = complete(DEFAULT)
     assert config["seed"] == 2022
     assert config["reconstruction"] == {
-        "sirt": {"iterations": 500, "solver": "chebyshev", "terms": 60, "backprojector": "adjoint"},
+        "sirt": {"iterations": 500, "solver": "chebyshev", "terms": 75, "backprojector": "adjoint", "tolerance_hu": 1},
         "fbp": {"normalise": "coverage"},
     }
     assert config["scan"]["trajectory"] == "helical"

@@ -169,7 +169,7 @@ def no_device(environment, folder):
     overlay = {"engine": "astra_cuda", "reconstruction": {"sirt": {"backprojector": "voxel"}}}
     paths = [str(_seeming_device(folder / "seeming")), *filter(None, [environment.get("PYTHONPATH")])]
     pretending = environment | {"PYTHONPATH": os.pathsep.join(paths)}
-    clean, kernels = results / "projections" / "views300" / "clean.h5", results / "logs" / "kernels" / "3.txt"
+    clean, kernels = results / "projections" / "views300" / "clean.h5", results / "logs" / "kernels" / "project_1.txt"
     code, text, seconds, prepared = run(pretending, results, clean, kernels, overlay=overlay)
     job_summary("preparation with engine: astra_cuda", seconds, prepared)
     expect(code == 0 and clean.exists(), "what needs no device is done without one", text)

@@ -44,6 +44,9 @@ class OnDevice(np.lib.mixins.NDArrayOperatorsMixin):
     def max(self):
         return OnDevice(self.held.max())
 
+    def sum(self, axis=None):
+        return OnDevice(self.held.sum(axis=axis))
+
     def __float__(self):
         return float(self.held)
 

@@ -104,7 +104,7 @@ def test_paths_of_rules_are_those_of_the_table():
     rule_paths = rows(stated())
     # An input whose wildcard has one value, and figures that the table lists by name.
     pictures = {"figures/pca_*.png", "figures/pca_*.pdf"}
-    assert rule_paths - table == {"logs/kernels/1.txt", "projections/*/*.h5"} | pictures
+    assert rule_paths - table == {"logs/kernels/project_1.txt", "projections/*/*.h5"} | pictures
     functions = {"proof/verdicts/*.json", "*.parquet"}  # lists made by the context
     scans = {"projections/*/clean.h5", "projections/*/clean_**.h5"}  # {scan} of the rule project
     assert table - rule_paths == functions | scans | {

@@ -14,6 +14,7 @@ TINY = ROOT / "config" / "tiny.yaml"
 BENEATH = {
     "every_scan.yaml": ("printed_phantom.yaml",),
     "multicentre.yaml": ("printed_phantom.yaml",),
+    "paper_subset.yaml": ("paper.yaml",),
     "printed_groups.yaml": ("printed_phantom.yaml",),
 }
 

@@ -20,7 +20,9 @@ for number, (bundle, protocols, constraint) in enumerate(context.acquisitions.ru
             ],
             levels=context.acquisitions.level_files(noise for noise, _ in bundle),
             phantom=rules.phantom.output.image,
-            kernels=results(f"logs/kernels/{len(bundle)}.txt"),
+            kernels=lambda wildcards, bundle=bundle, protocols=protocols: context.acquisitions.kernels(
+                named(protocols, wildcards)[0], bundle
+            ),
             physics=lambda wildcards, protocols=protocols: context.diagnosis.found_physics(
                 context.study.protocols[named(protocols, wildcards)[0]].physics_from
             ),

@@ -2,12 +2,13 @@ from virtual_phantom.config.plan import MOVED, STILL
 
 
 rule compile_kernels:
-    """Compile the kernels for a number of noise realizations, so that no two jobs compile at the same time."""
+    """Compile the kernels of a step for a number of noise realizations, so that no two jobs compile at one time."""
     output:
-        results("logs/kernels/{lanes}.txt"),
+        results("logs/kernels/{step}_{lanes}.txt"),
     log:
-        results("logs/kernels/{lanes}.log"),
+        results("logs/kernels/{step}_{lanes}.log"),
     wildcard_constraints:
+        step="project|sirt|fbp",
         lanes="[0-9]+",
     group:
         "preparation"
@@ -15,6 +16,10 @@ rule compile_kernels:
         mem_mb=1000,
         runtime=10,
     params:
+        method=lambda wildcards: {
+            "sirt": context.study.reconstruction.sirt.backprojector,
+            "fbp": context.study.reconstruction.fbp.normalise,
+        }.get(wildcards.step),
         code=code("compile_kernels.py"),
     script:
         "../scripts/compile_kernels.py"
@@ -27,7 +32,7 @@ rule project:
         image=rules.phantom.output.image,
         rois=lambda wildcards: context.acquisitions.scan_rois(wildcards.scan)[0],
         masks=lambda wildcards: context.acquisitions.scan_rois(wildcards.scan)[1],
-        kernels=results("logs/kernels/1.txt"),
+        kernels=results("logs/kernels/project_1.txt"),
         physics=lambda wildcards: context.diagnosis.found_physics(
             context.plan.geometry_settings(wildcards.geometry).physics_from
         ),

@@ -1,4 +1,4 @@
-"""Compile the Numba functions of projection and reconstruction for one number of realizations.
+"""Compile the Numba functions of projection or of one reconstruction for one number of realizations.
 
 The study runs this before the jobs that use them, so that no two jobs compile at the same time.
 """
@@ -6,14 +6,19 @@ The study runs this before the jobs that use them, so that no two jobs compile a
 from virtual_phantom.study.job import job
 
 
-def main(*, lanes: int, output: str) -> None:
+def main(*, step: str, lanes: int, method: str | None, output: str) -> None:
     from virtual_phantom.io.files import write_text
     from virtual_phantom.reconstruction.images import compile_functions
 
-    compile_functions([lanes])
+    compile_functions(step, lanes, method)
     write_text(f"{lanes} realisations\n", output)
 
 
 if "snakemake" in globals():
     with job(snakemake):
-        main(lanes=int(snakemake.wildcards.lanes), output=snakemake.output[0])
+        main(
+            step=snakemake.wildcards.step,
+            lanes=int(snakemake.wildcards.lanes),
+            method=snakemake.params.method,
+            output=snakemake.output[0],
+        )

@@ -230,6 +230,7 @@ class SirtSettings:
     solver: str
     backprojector: str
     terms: int
+    tolerance_hu: float
 
 
 @dataclass(frozen=True)

@@ -225,6 +225,17 @@ class Plan:
                 jobs.setdefault((bundle, job or name, self.geometry_of(name) if job else None), []).append(name)
         return [(bundle, protocols) for (bundle, *_), protocols in jobs.items()]
 
+    def lanes(self, protocol: str, bundle: Bundle) -> list[int]:
+        """Return the numbers of realizations of a bundle that are reconstructed at once, sorted.
+
+        They share the start angle; with filtered back-projection also the noise-free scan.
+        """
+        own = [seed if self.position(noise, seed) else "" for noise, seed in bundle]
+        settings = self.study.reconstruction.fbp
+        by_scan = self.study.protocols[protocol].algorithm == "fbp" and settings.normalise == "coverage"
+        keys = own if by_scan or self.study.repeats.start_angle == "random" else [""] * len(own)
+        return sorted({keys.count(key) for key in keys})
+
     def repeats(self, noise: Iterable[str]) -> int:
         """Return the number of seeds that all of these noise levels have."""
         return min(self.study.noise.levels[level].repeats for level in noise)

@@ -63,6 +63,8 @@ class AstraCudaProjector:
         For a detector that is not flat, a parallel beam, or an error of ASTRA.
     """
 
+    voxel_axes = (1, 2, 3)  # of packed volumes
+
     def __init__(self, geometry: ScanGeometry, grid: Grid, lanes: int = 1, arrays: ModuleType | None = None):
         if not astra_projects(geometry):
             raise InputError(UNSUPPORTED_BY_ASTRA)
@@ -82,6 +84,10 @@ class AstraCudaProjector:
     def one_lane(packed):
         """Return the first lane of packed volumes or projections, in a shape that broadcasts against all lanes."""
         return packed[:1]
+
+    def per_lane(self, values: np.ndarray):
+        """Return one value for each realization, by which packed volumes can be multiplied."""
+        return self._arrays.asarray(values.astype(np.float32)[:, None, None, None])
 
     def pack_volume(self, stack: np.ndarray):
         """Copy [lane, z, y, x] to the device."""

@@ -38,6 +38,7 @@ class CpuProjector:
     """
 
     engine = "cpu"
+    voxel_axes = (0, 1, 2)  # of packed volumes
     views_per_block = VIEWS_PER_BLOCK
 
     def __init__(
@@ -92,6 +93,11 @@ class CpuProjector:
     def one_lane(packed: np.ndarray) -> np.ndarray:
         """Return the first lane of packed volumes or projections, in a shape that broadcasts against all lanes."""
         return packed[..., :1]
+
+    @staticmethod
+    def per_lane(values: np.ndarray) -> np.ndarray:
+        """Return one value for each realization, by which packed volumes can be multiplied."""
+        return values.astype(np.float32)
 
     def pack_volume(self, stack: np.ndarray) -> np.ndarray:
         """Convert [lane, z, y, x] to the layout of the kernels."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..base.errors import InputError
@@ -52,7 +50,7 @@ def reconstruct_hu(
         operator = projector(engine, geometry, grid, at_once, threads)
 
         def images(some):
-            return sirt.sirt(operator, some, **vars(settings))
+            return sirt.sirt(operator, some, **vars(settings), mu_water_per_mm=mu_water_per_mm)
 
     elif algorithm == "fbp":
         operator = parallel_projector(engine, geometry, grid, at_once, threads)
@@ -109,8 +107,15 @@ def kernel_of(settings: FbpSettings) -> Kernel | None:
     return None if settings.kernel is None else Kernel(**vars(settings.kernel))
 
 
-def compile_functions(lane_counts: Sequence[int]) -> None:
-    """Compile all Numba functions for these numbers of realizations; later processes load them from the cache."""
+def compile_functions(step: str, lanes: int, method: str | None = None) -> None:
+    """Compile the Numba functions of a step for a number of realizations; later processes load them from the cache.
+
+    Parameters
+    ----------
+    step : {"project", "sirt", "fbp"}
+    method : str, optional
+        `backprojector` of SIRT or `normalise` of FBP.
+    """
     geometry = circular(
         views=4,
         source_to_isocentre_mm=500.0,
@@ -121,9 +126,10 @@ def compile_functions(lane_counts: Sequence[int]) -> None:
         row_pitch_mm=1.0,
     )
     grid = Grid((2, 2, 2), (1.0, 1.0, 1.0))
-    for count in lane_counts:
-        scan = np.ones((count, 4, 2, 4), dtype=np.float32)
-        for backprojector in ("adjoint", "voxel"):
-            settings = {"iterations": 1, "solver": "chebyshev", "terms": 1, "backprojector": backprojector}
-            sirt.sirt(projector("cpu", geometry, grid, count), scan, **settings)
-        fbp.fbp(projector("cpu", geometry, grid, count), scan)
+    operator, scan = projector("cpu", geometry, grid, lanes), np.ones((lanes, 4, 2, 4), dtype=np.float32)
+    if step == "sirt":
+        sirt.sirt(operator, scan, iterations=1, solver="chebyshev", terms=1, backprojector=method)
+    elif step == "fbp":
+        fbp.fbp(operator, scan, normalise=method)
+    else:
+        operator.forward(operator.empty_volume())

@@ -10,9 +10,23 @@ from ..base.errors import InputError
 # Voxels and rays with less than this fraction of the largest weight are outside the scan and stay zero.
 UNSEEN = 1e-6
 
+# Chebyshev terms stop when at most this share of the voxels is estimated to be beyond the tolerance.
+BEYOND_TOLERANCE = 0.05
+# The estimate uses every fourth plane of voxels, and starts where the coefficients that are left sum to this.
+SAMPLE = 4
+LARGEST_TAIL = 0.02
+
 
 def sirt(
-    projector, line_integrals: np.ndarray, *, iterations: int, solver: str, terms: int, backprojector: str
+    projector,
+    line_integrals: np.ndarray,
+    *,
+    iterations: int,
+    solver: str,
+    terms: int,
+    backprojector: str,
+    tolerance_hu: float = 0.0,
+    mu_water_per_mm: float = 0.02,
 ) -> np.ndarray:
     """Return the linear attenuation, 1/mm, by simultaneous iterative reconstruction.
 
@@ -23,14 +37,19 @@ def sirt(
     ----------
     line_integrals : ndarray, shape (lanes, views, rows, columns)
     solver : {"plain", "chebyshev"}
-        "plain": one iteration after the other. "chebyshev": the same image from `terms` applications of the operator. K
+        "plain": one iteration after the other. "chebyshev": the same image from fewer applications of the operator. K
         iterations multiply the error by (1 - M)^K. In Chebyshev polynomials T_j(1 - 2 M), the coefficients of this
         power decay like exp(-j^2 / K). Not valid with clipping.
     terms : int
-        Number of Chebyshev terms.
+        Largest number of Chebyshev terms.
     backprojector : {"adjoint", "voxel"}
         "adjoint": the exact transpose. "voxel": voxel-driven interpolation, as in ASTRA's SIRT3D_CUDA, without rays
         that cross less of the grid than the longest side of a voxel.
+    tolerance_hu : float, optional
+        Each realization stops adding terms when 95 % of its voxels are estimated to be within this of the image of all
+        terms. 0: always `terms`. Structure that leaves the grid needs more terms.
+    mu_water_per_mm : float, optional
+        Linear attenuation of water, 1/mm, that converts `tolerance_hu`.
 
     Returns
     -------
@@ -48,13 +67,13 @@ def sirt(
     if iterations < 1 or terms < 1:
         raise InputError(f"sirt: iterations {iterations} and terms {terms} must both be at least 1")
     back = _back(projector, backprojector)
-    update = _SirtUpdate(projector, line_integrals, back, _shortest_mm(projector.grid, backprojector))
+    update = SirtUpdate(projector, line_integrals, back, _shortest_mm(projector.grid, backprojector))
     if solver == "plain":
         volume = projector.empty_volume()
         for _ in range(iterations):
             volume += update(volume)
     elif solver == "chebyshev":
-        volume = _chebyshev(update, iterations, min(terms, iterations))
+        volume = _chebyshev(update, iterations, min(terms, iterations), tolerance_hu * mu_water_per_mm / 1000)
     else:
         raise InputError(f"sirt: solver '{solver}' is unknown; use 'chebyshev' or 'plain'")
     return projector.unpack_volume(volume)
@@ -82,7 +101,7 @@ def _shortest_mm(grid, backprojector):
     return max(grid.spacing) if backprojector == "voxel" else 0.0
 
 
-class _SirtUpdate:
+class SirtUpdate:
     """C A' R (b - A x), computed in blocks of views to avoid a second set of projections."""
 
     def __init__(self, projector, line_integrals, back, shortest_mm):
@@ -104,6 +123,7 @@ class _SirtUpdate:
         self.column_weights = _reciprocal(projector.one_lane(column_sum), UNSEEN * float(column_sum.max()))
 
     def __call__(self, volume):
+        """Return the update of a packed volume."""
         total = self.projector.empty_volume()
         for block, measured, weights in zip(self.blocks, self.measured, self.row_weights, strict=True):
             residual = self.projector.forward(volume, block)
@@ -127,19 +147,48 @@ def chebyshev_coefficients(iterations: int, terms: int) -> np.ndarray:
     return np.exp(log) * np.where(j == 0, 1, 2)
 
 
-def _chebyshev(update, iterations, terms):
-    coefficients = chebyshev_coefficients(iterations, terms)
+def _chebyshev(update, iterations, terms, tolerance):
+    coefficients = chebyshev_coefficients(iterations, iterations)
+    tails = 1 - np.cumsum(coefficients)
     before = update.projector.empty_volume()
     current = update(before)
     current *= np.float32(2)
     total = current * np.float32(coefficients[1])
-    for weight in coefficients[2:].astype(np.float32):
+    unfinished = np.ones(update.projector.lanes, bool)
+    sums = np.full(len(unfinished), coefficients[:2].sum())
+    for j in range(2, terms + 1):
         following = update(current)
         following *= np.float32(4)
         following += current
         following += current
         following -= before
-        total += np.multiply(following, weight, out=before)  # reuses the array to avoid a fifth volume
+        weights = coefficients[j] * unfinished
+        total += np.multiply(following, _by_lane(update, weights), out=before)  # reuses the array, saves a fifth volume
+        sums += weights
+        if tolerance and tails[j] < LARGEST_TAIL:
+            unfinished &= _beyond(update, following, total, sums, tolerance / tails[j]) > BEYOND_TOLERANCE
+            if not unfinished.any():
+                break
         before, current = current, following
-    total *= np.float32(1 / coefficients.sum())
+    total *= _by_lane(update, 1 / sums)
     return total
+
+
+def _by_lane(update, values):
+    """Return float32 values of the realizations that broadcast against packed volumes; a number if all are equal."""
+    return np.float32(values[0]) if (values == values[0]).all() else update.projector.per_lane(values)
+
+
+def _beyond(update, current, total, sums, limit):
+    """Return the share of voxels of each realization whose estimated error is beyond the tolerance.
+
+    `current` is x - T_j(1 - 2 M) x, where x is the limit of the iteration, and the image is about x - (1 - M)^K x. The
+    error is the sum of T_i(1 - 2 M) x times its coefficient over the missing terms i > j. The estimate replaces
+    T_i(1 - 2 M) x by the difference of `current` and the image. `limit` is the tolerance divided by the sum of the
+    coefficients.
+    """
+    some = np.s_[:, ::SAMPLE]
+    beyond = abs(total[some] * _by_lane(update, 1 / sums) - current[some]) > np.float32(limit)
+    counts = beyond.sum(axis=update.projector.voxel_axes)
+    seen = float((update.column_weights[some] > 0).sum())
+    return np.array([float(counts[lane]) for lane in range(len(sums))]) / max(seen, 1.0)

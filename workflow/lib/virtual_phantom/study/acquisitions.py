@@ -130,6 +130,11 @@ class Acquisitions:
                 single.setdefault(bundle, []).extend(protocols)
         return [(bundle, ["{protocol}"], "|".join(names)) for bundle, names in single.items()] + rules
 
+    def kernels(self, protocol: str, bundle: Bundle) -> list[str]:
+        """Return the markers of the compiled kernels that the reconstruction of a bundle needs."""
+        step = self.plan.study.protocols[protocol].algorithm
+        return [self.files("kernels", step=step, lanes=lanes) for lanes in self.plan.lanes(protocol, bundle)]
+
     def image_rois(self, protocols: Iterable[str], bundle: Bundle, boxes: bool = False) -> dict[str, list[str]]:
         """Return {rois: tables, masks: masks}, one for each image; with `boxes`, only of protocols with own voxels."""
         found = [

@@ -139,7 +139,7 @@ def _scan(proposal: Proposal) -> str:
 
 
 NOTES = {
-    "reconstruction": "terms: operator pairs; they yield the image of SIRT after the number of `iterations`.",
+    "reconstruction": "terms: most operator pairs; they yield the image of SIRT after the number of `iterations`.",
     "noise": (
         "A is the inverse of the photons per detector pixel in air; repeats are scans with different noise. The values "
         "are taken from {study}; figures/noise_calibration shows the variance that they give for your CT. null removes "

@@ -20,14 +20,20 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
+from ...base.settings import SirtSettings
 from ...config.outputs import BY_NAME, Output
 from ...config.plan import MOVED, Bundle, Plan
 from ...features.names import FEATURES
 from .. import analyses
 from ..acquisitions import GRID
 
+# HU by which 95 % of the voxels change with a Chebyshev term (sirt.py). It gives 53 terms for a tolerance of 1 HU; a
+# phantom inside the grid took 50, and one that crosses its ends 65 (python -m benchmarks run sirt_tolerance).
+CHANGE_HU = 1200.0
 # Realizations that fill a vector register of the projector; fewer cost the same (docs/explanation/performance.md).
 REGISTER = 16
+# A single realization has its own kernels: 0.67 s per image instead of 3.2 s for sixteen (same page).
+ONE_LANE = 0.2
 
 
 @dataclass(frozen=True)
@@ -129,11 +135,10 @@ class Sizes:
             work = {"job": 1, "ray": (2 + filters) * rays, "image_voxel_view": back_projected}
             return "reconstruct_fbp", work
         sirt = self.plan.study.reconstruction.sirt
-        terms = sirt.iterations if sirt.solver == "plain" else min(sirt.terms, sirt.iterations)
-        steps = (terms + 1) * rays / lanes * self.across
+        steps = (sirt_updates(sirt) + 1) * rays / lanes * self.across
         work = {
             "job": 1,
-            "ray_step": steps * math.ceil(lanes / REGISTER),
+            "ray_step": steps * (math.ceil(lanes / REGISTER) if lanes > 1 else ONE_LANE),
             "ray_step_lane": steps * lanes,
             "image_voxel": image_voxels,
         }
@@ -151,6 +156,18 @@ class Sizes:
     def images(self, count: int) -> dict[str, float]:
         """Return the work of a job that reads a number of images or data from them."""
         return {"job": 1, "image": count, "image_voxel": count * self.voxels}
+
+
+def sirt_updates(sirt: SirtSettings) -> int:
+    """Return the expected number of applications of projector and back-projector that SIRT needs."""
+    if sirt.solver == "plain":
+        return sirt.iterations
+    most = min(sirt.terms, sirt.iterations)
+    # The coefficients after term j sum to about erfc((j + 1/2) / sqrt(K)).
+    enough = (
+        j for j in range(2, most) if CHANGE_HU * math.erfc((j + 0.5) / math.sqrt(sirt.iterations)) <= sirt.tolerance_hu
+    )
+    return next(enough, most)
 
 
 def _phantom(sizes: Sizes) -> Job:
@@ -186,8 +203,14 @@ def _rois(sizes: Sizes) -> Iterator[Job]:
 
 def _kernels(sizes: Sizes) -> Iterator[Job]:
     output = BY_NAME["kernels"]
-    for lanes in sorted({1, *map(len, sizes.plan.bundles())}):
-        yield _job(output, output.paths(lanes=lanes), {"job": 1})
+    plan = sizes.plan
+    used = {
+        (plan.study.protocols[protocols[0]].algorithm, lanes)
+        for bundle, protocols in plan.jobs()
+        for lanes in plan.lanes(protocols[0], bundle)
+    }
+    for step, lanes in sorted({("project", 1), *used}):
+        yield _job(output, output.paths(step=step, lanes=lanes), {"job": 1})
 
 
 def _projections(sizes: Sizes) -> Iterator[Job]:

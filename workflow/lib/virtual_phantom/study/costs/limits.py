@@ -17,15 +17,12 @@ FLOOR_MINUTES = 10
 FLOORS = {"extract": 30, "diagnose": 60}
 # Limit of a stage without a rate: a user's own rates may lack stages that the measured study did not have.
 UNKNOWN_MINUTES = 240
-# Stages without a measured rate: the stage whose rates are used, and a factor.
-PROXIES = {
-    # Voxel-driven back-projection is faster than the adjoint (docs/explanation/performance.md).
-    "reconstruct_sirt_voxel": ("reconstruct_sirt", SAFETY),
-    # An H100 took 1/16 of the time of 16 threads (docs/explanation/performance.md). Other GPUs are slower, so the limit
-    # is the time of one core.
-    "reconstruct_sirt_astra_cuda": ("reconstruct_sirt", 1.0),
-    # Projections with all eighteen effects took up to 27 times as long as without (benchmarks/effects.py).
-    "project_physics": ("project", 27 * SAFETY),
+# Factors of stages whose time depends on more than their work.
+FACTORS = {
+    # The rate is of an H100 (docs/explanation/performance.md); small GPUs have an eighth of its arithmetic speed.
+    "reconstruct_sirt_astra_cuda": 8 * SAFETY,
+    # The rate is of a spectrum; all effects together took up to 27 times as long (benchmarks/effects.py).
+    "project_physics": 27 * SAFETY,
 }
 
 
@@ -34,9 +31,8 @@ def minutes(rates: dict, stage: str, work: Mapping[str, float]) -> int:
 
     The number of threads does not reduce it, because part of the work runs on one thread.
     """
-    source, factor = (stage, SAFETY) if stage in rates["seconds"] else PROXIES.get(stage, (stage, SAFETY))
-    seconds = estimate(rates, source, work)
-    least = FLOORS.get(stage, FLOOR_MINUTES)
+    seconds = estimate(rates, stage, work)
+    least, factor = FLOORS.get(stage, FLOOR_MINUTES), FACTORS.get(stage, SAFETY)
     return UNKNOWN_MINUTES if seconds is None else max(least, math.ceil(factor * seconds / 60))
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from ...base.errors import InputError
 from ...base.settings import PhantomSettings
 from ...config.plan import Plan
 from ...phantom.layout import read_layout
@@ -67,25 +67,34 @@ def cost_summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, di
     table : DataFrame
         See `by_rule`.
     content : dict
-        acquisitions, jobs, core_hours, jobs_without_rate, bytes, bytes_written, bytes_kept and measured (see the
-        rates). core_hours does not include jobs_without_rate, {stage: jobs}. bytes is {kind: {total, per_acquisition,
-        kept}} for kinds with a rate.
+        acquisitions, jobs, core_hours, bytes, bytes_written, bytes_kept and measured (see the rates). bytes is
+        {kind: {total, per_acquisition, kept}} for kinds with a rate.
+
+    Raises
+    ------
+    InputError
+        If jobs have no measured rate.
     """
     jobs = study_jobs(plan, engine, roi_count(plan.study.phantom))
     table = by_rule(jobs, rates)
+    missing = table[table["core_hours"].isna()].groupby("stage")["jobs"].sum()
+    if len(missing):
+        stages = ", ".join(f"{stage} ({count} jobs)" for stage, count in missing.items())
+        raise InputError(
+            f"rates.yaml: no rate was measured for {stages}; measure it with python -m benchmarks run fit_rates or "
+            "sirt_rates (docs/explanation/performance.md)"
+        )
     acquisitions = sum(len(plan.seeds(noise)) for _, noise in plan.acquisitions())
     amounts = Counter()
     for job in jobs:
         amounts.update(job.writes)
     amounts["logs"] = len(jobs)
     sizes = {kind: rates["bytes"][kind] * amount for kind, amount in amounts.items() if kind in rates["bytes"]}
-    unknown = table[table["core_hours"].isna()].groupby("stage")["jobs"].sum()
     temporary = () if plan.study.keep_images else ("images",)
     content = {
         "acquisitions": acquisitions,
         "jobs": len(jobs),
         "core_hours": float(table["core_hours"].sum()),
-        "jobs_without_rate": {stage: int(count) for stage, count in unknown.items()},
         "bytes": {
             kind: {
                 "total": round(size),
@@ -106,10 +115,8 @@ def plan_text(table: pd.DataFrame, content: dict) -> str:
     lines = [f"{content['acquisitions']} acquisitions, {content['jobs']} jobs", ""]
     lines.append(f"{'rule':<34}{'jobs':>7}{'core-hours':>12}{'longest job':>14}")
     for row in table.itertuples():
-        known = math.isfinite(row.core_hours)
-        cost = f"{row.core_hours:>12.3f}{row.longest_job_minutes * 60:>12.0f} s" if known else f"{'no rate':>12}"
         name = row.stage if row.rule == "reconstruct" else row.rule
-        lines.append(f"{name:<34}{row.jobs:>7}{cost}")
+        lines.append(f"{name:<34}{row.jobs:>7}{row.core_hours:>12.3f}{row.longest_job_minutes * 60:>12.0f} s")
     lines.append(f"{'all':<34}{content['jobs']:>7}{content['core_hours']:>12.3f}")
     lines += ["", f"{'files':<34}{'in all':>12}{'per acquisition':>18}"]
     for kind, sizes in content["bytes"].items():
@@ -125,9 +132,6 @@ def plan_text(table: pd.DataFrame, content: dict) -> str:
         f"Rates: {measured['jobs']} jobs on {measured['machine']},",
         f"{shape} voxels, {detector} detector pixels.",
     ]
-    if missing := content["jobs_without_rate"]:
-        names = ", ".join(f"{stage} ({jobs})" for stage, jobs in missing.items())
-        lines.append(f"Not included, because there is no measured rate: {names}.")
     return "\n".join(lines) + "\n"
 
 
