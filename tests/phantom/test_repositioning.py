@@ -79,6 +79,21 @@ def test_line_integrals_follow_the_pose(phantom):
     assert chain[inside] / baseline[inside] == pytest.approx(np.median(chain[inside] / baseline[inside]), rel=1e-3)
 
 
+def test_samples_approach_the_mean_transmission_of_a_pixel(phantom):
+    settings = {"mu_water_per_mm": MU, "materials": MATERIALS, "sensor": SENSOR}
+    finer = DETECTOR | {"columns": 540, "rows": 240, "column_pitch_mm": 2.5 / 6, "row_pitch_mm": 2.5 / 6}
+    parts, _ = project_phantom(phantom, circular(views=2, **finer), {"photon_flux": {"factor": 1.0}}, **settings)
+    mean = -np.log(np.exp(-parts.astype(float)).reshape(2, 40, 6, 90, 6).mean(axis=(2, 4)))
+
+    def error(samples):
+        lines, _ = project_phantom(
+            phantom, circular(views=2, **DETECTOR), {"photon_flux": {"factor": 1.0}}, samples=samples, **settings
+        )
+        return np.sqrt(np.mean((lines - mean) ** 2))
+
+    assert error(2) < 0.2 * error(1)
+
+
 def test_phantom_outside_of_the_fan_is_rejected(phantom):
     with pytest.raises(InputError, match="the phantom reaches"):
         clean_line_integrals(phantom, SCANS["circle"], MU, pose=Pose(x_mm=60))
