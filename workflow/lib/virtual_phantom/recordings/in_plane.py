@@ -109,10 +109,17 @@ def find(plane: np.ndarray, spacing: Sequence[float], drawn: np.ndarray, drawn_s
         HU of the image and of the object.
     spacing, drawn_spacing : sequence of 3 float
         mm (z, y, x).
+
+    Raises
+    ------
+    InputError
+        If the object is as thin as air.
     """
     grids = (plane.shape, spacing), (drawn.shape, drawn_spacing)
     pixels, points = (x + 1j * y for x, y, _ in (around(*grid, (0.0, 0.0)) for grid in grids))
     body, dense = points[drawn > SURFACE_HU], pixels[plane > SURFACE_HU]
+    if not len(body):
+        raise InputError(f"object: no voxel is above {SURFACE_HU:g} HU, so it cannot be located in images")
     middle = body.mean()
     radius = float(np.sqrt(2 * np.mean(np.abs(body - middle) ** 2)))
     centers = [middle, *([dense.mean()] if len(dense) else [])]
