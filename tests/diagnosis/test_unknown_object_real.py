@@ -6,6 +6,7 @@ import pytest
 
 from virtual_phantom.diagnosis.setup.unknown_object import unknown_object_diagnosis
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
+from virtual_phantom.recordings.importers.next_steps import next_steps
 from virtual_phantom.recordings.importers.projections import import_projections
 from virtual_phantom.recordings.importers.xtekct import import_xtekct
 from virtual_phantom.recordings.summary import readable, summarize_recording, summary_table
@@ -66,6 +67,7 @@ def test_single_slice_of_a_chest_phantom(tmp_path):
     (tmp_path / "series" / "slice.dcm").symlink_to((REAL / "lungman_ct" / "CT000382.dcm").resolve())
     recording = import_dicom_tree(tmp_path / "series", tmp_path / "lung", one_slice=True)
     assert recording.grid.shape == (1, 512, 512) and recording.nominal["tube_current_ma"] == 229
+    assert "object: {unknown: true}" in next_steps(recording)
     (first, *_), checks = verdict(recording)
     assert "object is not known" in first
     assert 25 < checks["noise"]["values"]["repeat_0"] < 45  # SD of uniform blocks, HU

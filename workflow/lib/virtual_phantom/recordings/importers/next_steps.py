@@ -16,6 +16,7 @@ FITTED_VIEWS = 150  # of a scan with many views; config/htc2022.yaml fits and ho
 PROTOCOL, NOISE = "group_2", "mgy10"
 # Study for images: the alignment and the diagnosis need whole images, which the default study makes for a figure only.
 STUDY_OF_IMAGES = "config/paper_groups.yaml"
+UNKNOWN = "      object: {unknown: true} # checks the data alone; state the object if it is known"
 ARRAYS = ("projections", "xtekct")  # importers of data whose object is often not known
 # Tolerances of the alignment, by importer. Line integrals do not state their energy: without a spectrum, the density
 # scale is free. A size is measured to one percent. Air next to the discs of the challenge is off by about 0.01.
@@ -40,6 +41,9 @@ def next_steps(recording: Recording) -> str:
     file = f"{name}.yaml"
     if isinstance(recording, FeaturesRecording):
         lines += ["analyses:", "  comparison:", f"    {name}: {_comparison(recording)}"]
+    elif not isinstance(recording, ProjectionsRecording) and recording.grid.shape[0] == 1:  # too few to align
+        lines += ["diagnosis:", "  recordings:", f"    {name}:", UNKNOWN]
+        target = ("diagnosis",)
     elif not isinstance(recording, ProjectionsRecording):
         lines.insert(0, f"base: {STUDY_OF_IMAGES}")
         target, condition = ("alignment",), ", if the scanned object is the study's phantom"
@@ -73,10 +77,7 @@ def _diagnosed(recording: ProjectionsRecording, importer: str) -> list[str]:
     mask = recording.document.folder / OBJECT
     lines = [f"    {recording.name}:"]
     if importer in ARRAYS:
-        return [
-            *lines,
-            "      object: {unknown: true} # checks the data alone; state the object if it is known",
-        ]
+        return [*lines, UNKNOWN]
     if mask.is_file():
         lines += [f"      object: {{mask: {_scalar(str(mask))}, material: MATERIAL}} # water, acrylic, aluminium, ..."]
     else:
