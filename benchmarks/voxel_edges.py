@@ -36,7 +36,8 @@ ENERGY_KEV = energy_of("water", MU_WATER)
 SEGMENTATION = Segmentation()
 GEOMETRY = circular_scan(60, 64, 4, 1040 / 570, view_interval_ms=10.0)  # pixels of 1 mm at the isocenter
 EXTENT_MM = (12.0, 44.0, 60.0)
-EXACT_SAMPLES, SAMPLES, POINTS = 8, 2, 4  # rays per pixel and direction, points per voxel and direction
+EXACT_SAMPLES, SAMPLES = 8, 2  # rays per pixel and direction
+POINTS = (4, 8, 8)  # per voxel along z, y and x, for its shares
 LIBRARY = [name for name in names() if not acts_on_images(name)]
 KEYS = ("seed", "body", "form", "width", "photons", "repeats", "hidden", "snr")
 FIELDS = (*KEYS, "verdict", "named", "right", "unexplained", "cpu_s")
@@ -59,15 +60,19 @@ def told(shapes, width, form, random, folder):
     """Scene of voxels at a random position of the grid, and what `prepare` needs beside it."""
     shape = tuple(int(np.ceil(extent / width)) + 1 for extent in EXTENT_MM)
     grid, shift = Grid(shape, (width,) * 3), random.uniform(-0.5, 0.5, 3) * width
-    points = POINTS if form != "labels" else 1
-    fine = Grid(tuple(points * n for n in shape), (width / points,) * 3)
-    z, y, x = np.meshgrid(*fine.axes_mm(), indexing="ij")
-    index = np.zeros(fine.shape, int)
-    for number, (_, at, axes) in enumerate(shapes, start=1):
-        inside = sum(((a - b - c) / half) ** 2 for a, b, c, half in zip((x, y, z), at, shift, axes, strict=True)) < 1
-        index[inside] = number
-    shares = np.stack([index == number for number in range(1, len(shapes) + 1)]).astype(np.float32)
-    blocks = shares.reshape(len(shapes), *(part for n in shape for part in (n, points))).mean(axis=(2, 4, 6))
+    points = POINTS if form != "labels" else (1, 1, 1)
+    fine = Grid(tuple(map(int, np.multiply(points, shape))), tuple(width / count for count in points))
+    z, y, x = np.meshgrid(*fine.axes_mm(), indexing="ij", sparse=True)
+    blocks = np.zeros((len(shapes), *shape), np.float32)
+    for layer in range(shape[0]):
+        here = x, y, z[layer * points[0] : (layer + 1) * points[0]]
+        index = np.full((points[0], *fine.shape[1:]), -1, np.int8)
+        for number, (_, at, axes) in enumerate(shapes):
+            terms = (((a - b - c) / half) ** 2 for a, b, c, half in zip(here, at, shift, axes, strict=True))
+            index[sum(terms) < 1] = number
+        for number in range(len(shapes)):
+            parts = (index == number).reshape(points[0], shape[1], points[1], shape[2], points[2])
+            blocks[number, layer] = parts.mean(axis=(0, 2, 4))
     materials = tuple(material for material, _, _ in shapes)
     if form != "hu":
         scene = VoxelScene(blocks, grid, materials, ENERGY_KEV)

@@ -38,12 +38,14 @@ EDGES = {
     "sharp_edges": ("told", "sharp", 0.5, 0.5),
 }
 PARTS_PER_PIXEL, MOST_PARTS, ROUNDING = 3, 4, 1e-6  # parts of voxels, a third of a pixel wide at the isocenter
+MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
 # Variance of the attenuation in a voxel that remains unknown, relative to that of its mixture (GridScene.variance).
-# - of labels: the mixture is that of an edge at a uniformly distributed position. Where a surface is parallel to the
-#   grid, neighboring voxels share the position, so that twice the variance is needed: with 1, view_blur stood out in
-#   two of three scans of bodies with voxels of half a pixel.
-# - of shares: the position follows from the share and its gradient. Measured for random bodies: 0.011 to 0.019.
-UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 2.0, 1 / 60
+# - of labels: the mixture is that of an edge at a uniformly distributed position. Neighbors share this position where
+#   a surface is parallel to the grid, so twice the variance is needed. With 1, view_blur stood out in two of three
+#   scans with voxels of half a pixel (seed 102).
+# - of shares: the position follows from the share and its gradient. Measured for random bodies: 0.011 to 0.019 (seed
+#   102); with 1/60, scatter stood out in two of five scans with voxels of half a pixel.
+UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 2.0, 1 / 30
 EDGE_SHARE = 0.01  # of the largest variance by unknown edges, above which correlations of rays are estimated
 LEAST_CORRELATION = 0.1  # up to this correlation, neighbors vary together
 KEPT = 2  # whitened changes: of the fitted and of the held-out data
@@ -61,9 +63,7 @@ class Edges:
 
     def __init__(self, scene: GridScene, shares: bool, geometry: ScanGeometry, samples: int):
         self._geometry, self._samples, self._kept = geometry, samples, LRUCache(KEPT_EDGES)
-        pixel = np.array([geometry.row_pitch_mm, *2 * (geometry.column_pitch_mm,)]) / geometry.magnification
-        parts = np.ceil(PARTS_PER_PIXEL * np.array(scene.grid.spacing) / pixel - ROUNDING).clip(1, MOST_PARTS)
-        parts = tuple(int(part) if n > 1 else 1 for part, n in zip(parts, scene.grid.shape, strict=True))
+        parts = parts_of_voxels(scene, geometry)
         binary = shares and scene.is_binary
         self.names = tuple(EDGES) if binary or max(parts) > 1 else ("edge_blur",)
         best = scene.with_partial_volumes() if binary else scene
@@ -202,11 +202,11 @@ class StatedObject:
         return StatedObject(scene, ObjectUncertainty(), self.mu_water_per_mm)
 
     def _edges(self, geometry: ScanGeometry, samples: int) -> Edges | None:
-        """Return the edges of voxels; None for shapes, and for a phantom in HU with voxels up to half a pixel wide."""
-        if not isinstance(self.scene, GridScene):
+        """Return the edges of voxels; None for shapes, and for a phantom in HU with small voxels."""
+        fine = self.phantom is not None and max(parts_of_voxels(self.scene, geometry)) == 1
+        if fine or not isinstance(self.scene, GridScene):
             return None
-        edges = Edges(self.scene, self.phantom is None, geometry, samples)
-        return edges if self.phantom is None or "sharp_edges" in edges.names else None
+        return Edges(self.scene, self.phantom is None, geometry, samples)
 
     def amounts(self, geometry: ScanGeometry, samples: int, pose: Pose) -> tuple[tuple[Nuisance, ...], np.ndarray]:
         """Return the errors of densities or HU, and their changes."""
@@ -248,6 +248,15 @@ class StatedObject:
         numbers = [Nuisance(f"{HU}{node}", "HU", 0.0, float(sd)) for node, sd in zip(nodes[there], sds, strict=True)]
         materials = ("water",) * len(numbers)
         return VoxelScene(shares[there], self.phantom.grid, materials, scene.energy_kev, scene.threads), numbers
+
+
+def parts_of_voxels(scene: GridScene, geometry: ScanGeometry) -> tuple[int, int, int]:
+    """Return the parts along z, y and x into which voxels are divided to show sharp edges."""
+    pixel = np.array([geometry.row_pitch_mm, *2 * (geometry.column_pitch_mm,)]) / geometry.magnification
+    shape = np.array(scene.grid.shape)
+    most = min(MOST_PARTS, max(1, int((MOST_VOXELS / shape.prod()) ** (1 / (shape > 1).sum()))))
+    parts = np.ceil(PARTS_PER_PIXEL * np.array(scene.grid.spacing) / pixel - ROUNDING).clip(1, most)
+    return tuple(np.where(shape > 1, parts, 1).astype(int).tolist())
 
 
 def together(values: np.ndarray, axis: int) -> float:
