@@ -12,7 +12,7 @@ import numpy as np
 from scipy import ndimage
 
 LEAST_SHARE = 1e-3  # of both sides of an interface in a voxel
-BISECTIONS = 20  # of an offset: 1e-6 of a voxel
+BISECTIONS = 20  # of a distance from -1 to 1: 2e-6
 AT_ONCE = 2_000_000  # parts of voxels, with about 50 bytes each
 
 
