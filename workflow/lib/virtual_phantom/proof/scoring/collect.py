@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ...base.errors import InputError
 from ...diagnosis.verdict.verdict import VERDICTS
+from ...diagnosis.verdict_text import PRACTICAL
 from ..hiding import seal
 from ..hiding.case import Case, checked
 from ..hiding.truth import completed
@@ -103,7 +104,7 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
         If a key is missing or the recording is another one.
     """
     missing = [key for key in SCORED if key not in diagnosis]
-    if missing or diagnosis["verdict"] not in VERDICTS:
+    if missing or diagnosis["verdict"] not in (*VERDICTS, PRACTICAL):
         what = f"it has no {', '.join(missing)}" if missing else f"verdict {diagnosis['verdict']!r}"
         raise InputError(f"{source}: is not a diagnosis that can be scored ({what}); diagnose the case again")
     if recording not in (None, diagnosis["recording"]):
