@@ -397,3 +397,9 @@ def test_every_bad_verdict_file_has_a_line(tmp_path):
     expected = ("scater", "use the name of the file", "effects", "is no verdict.json", "is missing", "no case_99")
     for line, number, part in zip(lines, (2, 3, 4, 5, 6, 99), expected, strict=True):
         assert line.startswith(f"case_{number:02}.json: ") and part in line, line
+
+
+def test_named_effects_without_relevance_are_a_match():
+    said = diagnosis("a", "match for practical purposes", {"scatter": {}})
+    assert judged(truth("a", "none"), said).match and judged(truth("a", "none"), said).right
+    assert judged(truth("a", "single", {"scatter": {}}, "weak"), said).first_credit == 1

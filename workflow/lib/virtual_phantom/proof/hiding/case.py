@@ -11,6 +11,7 @@ from pathlib import Path
 from ...base.errors import InputError
 from ...diagnosis.residuals.residual_tests import ALPHA
 from ...diagnosis.verdict.verdict import VERDICTS
+from ...diagnosis.verdict_text import PRACTICAL
 from ...physics.effect import names
 from .catalogue import STRENGTHS
 from .truth import EQUATIONS
@@ -18,6 +19,7 @@ from .truth import EQUATIONS
 CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")
 MATCH, EXPLAINED, PARTLY, UNEXPLAINED = VERDICTS
+MATCHES = (MATCH, PRACTICAL)  # nothing relevant is missing
 ADMITTED = (PARTLY, UNEXPLAINED)  # verdicts that report unexplained differences
 EFFECTS_OF = {"single": 1, "none": 0, "pair": 2}  # number of effects, all of them in the library
 
@@ -111,8 +113,8 @@ class Case:
 
     @property
     def match(self) -> bool:
-        """Whether the verdict is that nothing is missing."""
-        return not self.groups and not self.unexplained
+        """Whether the verdict is that nothing relevant is missing."""
+        return self.verdict.get("match", not self.groups and not self.unexplained)
 
     def with_alternatives(self, effect: str) -> set[str]:
         """Return a named effect and the effects that were reported as equal."""

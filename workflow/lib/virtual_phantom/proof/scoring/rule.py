@@ -3,12 +3,12 @@
 LEAST_IN_CLASS = 5  # scores in a class that can be the worst one: fewer would only show chance
 VERSION = 2  # of the rule: 1 had no shares for groups, and counted own equations with the others
 RULE = (
-    "One effect: the score is 1 if it was ranked first, and 1/k if it is in the first group of k effects that were "
-    "reported as equal. Two effects: each must be in a group of its own, and the score is the product of 1/k. "
-    "Precisely right: one or two hidden effects, all of them and no others were named, none in a group. False alarm: "
-    "nothing is hidden, but an effect was named or a difference was left unexplained. A fault that the library lacks "
-    "must be reported as unexplained, unless precisely an equivalent that was declared before the run was named. "
-    "Intervals: comparable parameters of named hidden effects. Cases with an effect that the library's own equation "
-    "makes are counted separately. The worst class is the simulator, geometry, object or hidden effect with the worst "
-    f"share of at least {LEAST_IN_CLASS} scores. All cases count."
+    "One effect: the score is 1 if it was ranked first, and 1/k if it is in the first group of k effects that "
+    "were reported as equal. Two effects: each must be in a group of its own, and the score is the product of "
+    "1/k. Precisely right: one or two hidden effects, all of them and no others were named, none in a group. "
+    "False alarm: nothing is hidden, but the verdict is not a match (nothing, or nothing relevant, is missing). A "
+    "fault that the library lacks must be reported as unexplained, unless precisely an equivalent that was "
+    "declared before the run was named. Intervals: comparable parameters of named hidden effects. Cases with an "
+    "effect that the library's own equation makes are counted separately. The worst class is the simulator, "
+    f"geometry, object or hidden effect with the worst share of at least {LEAST_IN_CLASS} scores. All cases count."
 )

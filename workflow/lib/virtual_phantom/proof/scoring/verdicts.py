@@ -9,7 +9,7 @@ from pathlib import Path
 from ...base.errors import InputError, InputErrors, did_you_mean
 from ...io.documents import VERDICT, read_document
 from ...physics.effect import names
-from ..hiding.case import ADMITTED
+from ..hiding.case import ADMITTED, MATCHES
 from ..hiding.catalogue import CATALOGUE
 
 
@@ -22,6 +22,7 @@ def verdict_document(diagnosis: Mapping) -> dict:
         "case": diagnosis["recording"],
         "effects": [[effect["name"], *equal.get(effect["name"], ())] for effect in named],
         "unexplained": diagnosis["verdict"] in ADMITTED,
+        "match": diagnosis["verdict"] in MATCHES,
         "parameters": {
             effect["name"]: {
                 name: {"value": parameter["value"], "ci95": list(parameter["ci95"])}
