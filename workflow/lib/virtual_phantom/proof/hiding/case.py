@@ -93,8 +93,12 @@ class Case:
 
     @property
     def groups(self) -> Sequence[Sequence[str]]:
-        """Named effects in the order of rank, each with the effects that were reported as equal."""
-        return self.verdict["effects"]
+        """Named effects in the order of rank, each with the effects that were reported as equal.
+
+        Empty if the verdict is that nothing relevant is missing, except where the only hidden effect is weak: an
+        effect that is named as irrelevant cannot count both as found and as no false alarm.
+        """
+        return () if self.match and self.strength != "weak" else self.verdict["effects"]
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -114,7 +118,7 @@ class Case:
     @property
     def match(self) -> bool:
         """Whether the verdict is that nothing relevant is missing."""
-        return self.verdict.get("match", not self.groups and not self.unexplained)
+        return self.verdict.get("match", not self.verdict["effects"] and not self.unexplained)
 
     def with_alternatives(self, effect: str) -> set[str]:
         """Return a named effect and the effects that were reported as equal."""

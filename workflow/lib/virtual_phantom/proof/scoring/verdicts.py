@@ -14,13 +14,11 @@ from ..hiding.catalogue import CATALOGUE
 
 
 def verdict_document(diagnosis: Mapping) -> dict:
-    """Return the verdict document of the content of diagnosis.json, without effects below the relevance thresholds."""
+    """Return the verdict document of the content of diagnosis.json."""
     equal = diagnosis["ambiguous_with"]
-    small = diagnosis.get("practice", {}).get("small", ())
-    named = [effect for effect in diagnosis["effects"] if effect["name"] not in small]
     return {
         "case": diagnosis["recording"],
-        "effects": [[effect["name"], *equal.get(effect["name"], ())] for effect in named],
+        "effects": [[effect["name"], *equal.get(effect["name"], ())] for effect in diagnosis["effects"]],
         "unexplained": diagnosis["verdict"] in ADMITTED,
         "match": diagnosis["verdict"] in MATCHES,
         "parameters": {
@@ -28,7 +26,7 @@ def verdict_document(diagnosis: Mapping) -> dict:
                 name: {"value": parameter["value"], "ci95": list(parameter["ci95"])}
                 for name, parameter in effect["parameters"].items()
             }
-            for effect in named
+            for effect in diagnosis["effects"]
         },
     }
 
