@@ -2,23 +2,6 @@
 proof = context.proof
 
 
-rule proof_phantom:
-    """The stated object of one case, as its diagnosis gets it."""
-    output:
-        directory(results("proof/objects/{case}")),
-    log:
-        results("logs/proof/phantom_{case}.log"),
-    resources:
-        mem_mb=2000,
-        runtime=30,
-    params:
-        world=lambda wildcards: to_mapping(proof.worlds[wildcards.case]),
-        settings=lambda wildcards: proof.scan_settings(wildcards.case),
-        code=code("proof_phantom.py"),
-    script:
-        "../scripts/proof_phantom.py"
-
-
 rule proof_seal:
     """Draw and seal the hidden physics of each case; publish the seals and register the run before any scan."""
     output:
@@ -38,11 +21,12 @@ rule proof_seal:
 
 
 rule proof_scan:
-    """The recordings of one case."""
+    """The recordings of one case, and its stated object, which does not depend on the seal."""
     input:
         sealed=results("proof/sealed/{case}.json"),
         seals=rules.proof_seal.output.seals,
     output:
+        stated=directory(results("proof/objects/{case}")),
         recording=directory(results("proof/recordings/{case}")),
         other=directory(results("proof/held_out_protocol/{case}")),
     log:
@@ -63,7 +47,7 @@ rule proof_scan:
 rule proof_diagnosis:
     """Diagnose one case from its recording, the stated object and the declared deviations alone."""
     input:
-        stated=rules.proof_phantom.output,
+        stated=rules.proof_scan.output.stated,
         recording=rules.proof_scan.output.recording,
     output:
         diagnosis=results("proof/diagnosis/{case}/diagnosis.json"),
@@ -79,7 +63,9 @@ rule proof_diagnosis:
         runtime=60,
     params:
         model=lambda wildcards: to_mapping(proof.model(wildcards.case)),
-        object_files=lambda wildcards: proof.object_files(wildcards.case),
+        phantom=lambda wildcards: proof.object_file(wildcards.case, "image.nii.gz"),
+        image=lambda wildcards: proof.object_file(wildcards.case, "image.nii.gz"),
+        rois=lambda wildcards: proof.object_file(wildcards.case, "rois.csv"),
         effects=lambda wildcards: proof.tried_on(wildcards.case),
         same_material=True,
         accuracy=context.study.diagnosis.model_accuracy,
@@ -93,7 +79,7 @@ rule proof_diagnosis:
 rule proof_elsewhere:
     """Compare the physics found with a scan of the case by another protocol."""
     input:
-        stated=rules.proof_phantom.output,
+        stated=rules.proof_scan.output.stated,
         recording=rules.proof_scan.output.other,
         physics=rules.proof_diagnosis.output.diagnosis,
     output:
@@ -107,7 +93,9 @@ rule proof_elsewhere:
         runtime=30,
     params:
         model=lambda wildcards: to_mapping(proof.held_out_model(wildcards.case)),
-        object_files=lambda wildcards: proof.object_files(wildcards.case),
+        phantom=lambda wildcards: proof.object_file(wildcards.case, "image.nii.gz"),
+        image=lambda wildcards: proof.object_file(wildcards.case, "image.nii.gz"),
+        rois=lambda wildcards: proof.object_file(wildcards.case, "rois.csv"),
         code=lambda wildcards: code(
             "agreement_other_protocol.py", proof.tried_on(wildcards.case)
         ),

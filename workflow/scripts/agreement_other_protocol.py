@@ -43,11 +43,10 @@ def main(
 
 if "snakemake" in globals():
     with job(snakemake):
-        stated = snakemake.params.object_files
         main(
-            phantom_file=stated.get("phantom"),
-            image_file=stated.get("image"),
-            rois_file=stated.get("rois"),
+            phantom_file=snakemake.params.phantom,
+            image_file=snakemake.params.image,
+            rois_file=snakemake.params.rois,
             physics_file=snakemake.input.physics,
             output=snakemake.output[0],
             model=from_mapping(FitSettings, snakemake.params.model),

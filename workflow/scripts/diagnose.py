@@ -63,16 +63,16 @@ def main(
     print(console_text(diagnosis.content))
 
 
+# The object of a case of the blind validation is part of a folder, whose files are parameters.
 if "snakemake" in globals():
     with job(snakemake):
-        stated = snakemake.params.get("object_files", {})  # of a case of the blind validation
         main(
             output=snakemake.output,
             setup_file=snakemake.output.get("setup"),
             recording_files=snakemake.input.get("files", []),
-            phantom_file=snakemake.input.get("phantom", stated.get("phantom")),
-            image_file=snakemake.input.get("image", stated.get("image")),
-            rois_file=snakemake.input.get("rois", stated.get("rois")),
+            phantom_file=snakemake.input.get("phantom") or snakemake.params.get("phantom"),
+            image_file=snakemake.input.get("image") or snakemake.params.get("image"),
+            rois_file=snakemake.input.get("rois") or snakemake.params.get("rois"),
             object_files=list(filter(None, map(snakemake.input.get, ("phantom", *OBJECT_INPUTS)))),
             declared_file=snakemake.input.get("declared"),
             physics_file=snakemake.input.get("physics"),

@@ -106,12 +106,9 @@ class Proof:
         """Return the paths of an output of the diagnoses of all real recordings in the report."""
         return [self.files(name, recording=recording) for recording in self.settings.recordings]
 
-    def object_files(self, case: str) -> dict[str, str]:
-        """Return the files of a case that describe its object to the diagnosis, except those of its settings."""
-        if self.worlds[case].description != HU:
-            return {}
-        names = {"phantom": "image.nii.gz", "image": "image.nii.gz", "rois": "rois.csv"}
-        return {key: f"{self.files('proof_object', case=case)}/{name}" for key, name in names.items()}
+    def object_file(self, case: str, name: str) -> str | None:
+        """Return a file of the CT that describes the object of a case; None if another description does."""
+        return f"{self.files('proof_object', case=case)}/{name}" if self.worlds[case].description == HU else None
 
     def tried_on(self, case: str) -> list[str]:
         """Return the candidate effects of a case."""

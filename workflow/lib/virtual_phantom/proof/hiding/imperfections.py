@@ -35,9 +35,13 @@ def drawn(scanned: ScannedObject, hidden: Collection[str], count: int, random: n
     Returns
     -------
     dict
-        object (HU error by part), shape_mm (error of semi-axes by part), pose (base.pose.Pose), flux_factor,
-        declared and undeclared ({effect: {parameter: true value}}), stated ({effect: {parameter: {value, sd}}}, what
-        the diagnosis is told), and settings (of the simulator).
+        * object: HU error by part
+        * shape_mm: error of the semi-axes by part
+        * pose: fields of base.pose.Pose
+        * flux_factor: true photons over stated ones
+        * declared, undeclared: {effect: {parameter: true value}}
+        * stated: {effect: {parameter: {value, sd}}}, as declared to the diagnosis
+        * settings: settings of the simulator
     """
     names = [part.name for part in scanned.parts]
     errors = random.uniform(-HU_ERROR, HU_ERROR, len(names))

@@ -158,7 +158,7 @@ def _rod(name: str, radius: float) -> Part:
 
 
 def _placed(outer: Part, parts: list[Part], random: np.random.Generator) -> tuple[Part, ...]:
-    """Place parts inside the outer one at random, without overlap; parts without room are left out."""
+    """Place parts inside the outer one at random, without overlap. A part that does not fit is omitted."""
     placed: list[Part] = []
     for part in parts:
         for _ in range(ATTEMPTS):

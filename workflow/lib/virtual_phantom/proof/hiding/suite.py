@@ -31,7 +31,7 @@ ORBITS = {XCIST: GEOMETRIES, GVXR: tuple(name for name in GEOMETRIES if name != 
 
 @dataclass(frozen=True)
 class Planned:
-    """What a case hides, before it is drawn: None for what is drawn later."""
+    """Plan of one case; None for a property that is drawn later."""
 
     category: str
     strength: str | None
@@ -41,7 +41,7 @@ class Planned:
 
 @dataclass(frozen=True)
 class World:
-    """What everybody may know of a case: simulator, object, geometry, and the description of the object."""
+    """Public properties of a case: simulator, object, geometry, and the description of the object."""
 
     number: int
     kind: str

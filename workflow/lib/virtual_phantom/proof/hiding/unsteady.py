@@ -19,8 +19,10 @@ class Displacement:
 
     Attributes
     ----------
-    object_mm, source_mm : ndarray, shape (3,)
-        Of the object, and of the source alone, mm.
+    object_mm : ndarray, shape (3,)
+        Displacement of the object, mm.
+    source_mm : ndarray, shape (3,)
+        Displacement of the source alone, mm.
     turn_deg : float
         Error of the gantry angle, degrees.
     """
@@ -83,7 +85,7 @@ def triangle_wave(turns: float, amplitudes: tuple[float, float]) -> float:
     Parameters
     ----------
     amplitudes : tuple of 2 float
-        Of its fundamental wave: of the cosine and of the sine.
+        Amplitudes of cosine and sine of the fundamental wave.
     """
     size, phase = np.hypot(*amplitudes), np.arctan2(amplitudes[1], amplitudes[0])
     return float(size * np.pi**2 / 8 * 2 / np.pi * np.arcsin(np.cos(2 * np.pi * turns - phase)))
