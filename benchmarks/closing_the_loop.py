@@ -10,6 +10,8 @@ indistinguishable from the hidden effect. Features are in 2D, from filtered back
 * "noise" compares two halves of XCIST's repeats.
 
 Finished cases of the output file are not repeated.
+
+Development seed: 1 (four cases).
 """
 
 import os

@@ -8,6 +8,8 @@ a folder; finished cases in it are not repeated.
 FAULTS defines the right answers. Answers of the control do not count, unless a parameter is outside of the control's
 95 % interval. The same holds for declared effects that contradict the data, which count as named. A group of k
 indistinguishable effects scores the share of right ones in it.
+
+Development seeds: 1 and 2 (eight cases, disc ta).
 """
 
 import json
