@@ -81,7 +81,11 @@ def recorded(folder, kind):
     return folder
 
 
-@pytest.mark.parametrize("config", sorted(path.name for path in (ROOT / "config").glob("*.yaml")))
+# `study` makes the first one; test_plan_target.py plans the others.
+PLANNED_ELSEWHERE = {"tiny.yaml", "config.yaml", "paper.yaml", "recordings.yaml"}
+
+
+@pytest.mark.parametrize("config", sorted({path.name for path in (ROOT / "config").glob("*.yaml")} - PLANNED_ELSEWHERE))
 def test_every_shipped_config_can_be_planned(config, tmp_path):
     overlay = {"results_dir": f"{tmp_path}/r"}
     if config in IMPORTED:

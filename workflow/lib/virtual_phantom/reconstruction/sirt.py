@@ -149,7 +149,7 @@ def chebyshev_coefficients(iterations: int, terms: int) -> np.ndarray:
 
 def _chebyshev(update, iterations, terms, tolerance):
     coefficients = chebyshev_coefficients(iterations, iterations)
-    tails = 1 - np.cumsum(coefficients)
+    tails = np.maximum(1 - np.cumsum(coefficients), 1e-9)
     before = update.projector.empty_volume()
     current = update(before)
     current *= np.float32(2)
