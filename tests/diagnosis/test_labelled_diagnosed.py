@@ -69,7 +69,8 @@ def test_mask_without_fractional_voxels_is_reported_at_edges(tmp_path):
 def test_mismatch_in_all_rays_is_not_attributed_to_voxels(tmp_path):
     folder = bench(tmp_path, {"scatter": {"amount": 0.1}})
     path = drawn(tmp_path / "labels.nii.gz", 0.5)
-    found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["focal_spot"], check_setup=False)
+    known = dict(samples=2, effects=["focal_spot"], check_setup=False, object_exact=True)
+    found = vp.diagnose(folder, labels=(path, MATERIALS), **known)
     assert "edges" in [place["domain"] for place in found.content["unexplained"]]
     assert not of_voxels(found)
 
