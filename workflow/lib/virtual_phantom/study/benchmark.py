@@ -61,7 +61,7 @@ class Benchmark:
         return sorted({path for case in self.proof.cases for path in self._object(case).values()})
 
     def _object(self, case: str) -> Mapping[str, str]:
-        return self.proof.known_phantom(case)
+        return self.proof.object_files(case)
 
     @property
     def registered(self) -> dict:

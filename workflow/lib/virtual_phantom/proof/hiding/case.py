@@ -95,8 +95,8 @@ class Case:
     def groups(self) -> Sequence[Sequence[str]]:
         """Named effects in the order of rank, each with the effects that were reported as equal.
 
-        Empty if the verdict is that nothing relevant is missing, except where the only hidden effect is weak: an
-        effect that is named as irrelevant cannot count both as found and as no false alarm.
+        If the verdict is that nothing relevant is missing, named effects count only if the hidden effect is weak.
+        Otherwise, they would count both as found and as no false alarm.
         """
         return () if self.match and self.strength != "weak" else self.verdict["effects"]
 
