@@ -12,13 +12,13 @@ from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.objects import read_object
 from virtual_phantom.physics.scenes.shapes import ShapesScene
-from virtual_phantom.proof.hiding import suite
+from virtual_phantom.proof.hiding import gvirtualxray, suite
 from virtual_phantom.proof.hiding.generate import ENERGY_OF_WATER, acquire, scan_of
 from virtual_phantom.proof.hiding.meshes import surface
 from virtual_phantom.proof.hiding.objects import PHANTOM, Part, drawn_object, imperfect
 from virtual_phantom.proof.hiding.orbits import orbit_of
 from virtual_phantom.proof.hiding.stated_object import described
-from virtual_phantom.proof.hiding.xcist import attenuation_of
+from virtual_phantom.proof.hiding.xcist import Scan, attenuation_of
 from virtual_phantom.recordings.scan import scan_geometry
 
 MU_WATER = 0.01928
@@ -61,6 +61,15 @@ def test_meshes_are_closed_wind_inwards_and_have_the_volume(axes):
     assert volume == pytest.approx(-expected, rel=1e-3)
     edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     assert np.unique(edges, axis=0, return_counts=True)[1].tolist() == [2] * (len(edges) // 2)
+
+
+def test_electronic_noise_of_gvirtualxray_is_in_noise_equivalent_quanta(monkeypatch):
+    """Relative to the reading in air it is sigma / N; dark pixels have no other noise."""
+    monkeypatch.setattr(gvirtualxray, "_transmission", lambda scan, *_: np.zeros((scan.views, scan.rows, 20, 1)))
+    settings = {"electronic_photons": 2000.0, "kvp": 120.0, "aluminium_mm": 3.0}
+    scan = Scan(2, 20, 2, 1.0, 1.0, 541.0, 949.0, 70.0, 1e5, settings=settings)
+    taken = gvirtualxray.simulate(scan, SCANNED, MU_WATER, 40, branch(1, 8))
+    assert (taken.readings / taken.air).std() == pytest.approx(0.02, rel=4 * np.sqrt(0.5 / taken.readings.size))
 
 
 def test_errors_of_the_object_have_their_size():

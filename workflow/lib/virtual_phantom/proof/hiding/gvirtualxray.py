@@ -91,8 +91,8 @@ def _simulate(scan, scanned, mu_water_per_mm, repeats, seed):
     absorbed = photons * field  # (rows, columns, energies)
     middle = absorbed[(scan.rows - 1) // 2 : scan.rows // 2 + 1, (scan.columns - 1) // 2 : scan.columns // 2 + 1]
     quanta = ((middle @ energies) ** 2 / (middle @ energies**2)).mean()
-    absorbed *= scan.photons * scan.settings.get("flux_factor", 1.0) / quanta
     reading_per_quantum = float((middle @ energies).mean() / quanta)
+    absorbed *= scan.photons * scan.settings.get("flux_factor", 1.0) / quanta  # and `middle`, which is a view
     mean, air = transmission * absorbed, absorbed[None]
     current = None
     if any(scan.settings.get("modulation", (0.0, 0.0))):
