@@ -1,4 +1,4 @@
-"""Diagnose images with hidden effects of image formation (20 s of CPU time for a case).
+"""Diagnose images with hidden effects of image formation (6 s of CPU time for a case).
 
 Objects are modules of the Catphan 504 and the ACR 464, with attenuation from xraylib. Sinograms are chords of circles,
 or projections of voxels by ASTRA or XCIST; scikit-image reconstructs them. Virtual Phantom only starts XCIST. A group

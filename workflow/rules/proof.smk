@@ -178,7 +178,7 @@ rule hide:
     input:
         rules.proof_seal.output,
         rules.proof_suite.output,
-        context.benchmark.object_files(),
+        context.benchmark.object_folders(),
         proof.all("proof_recording"),
         proof.all("proof_held_out"),
     localrule: True

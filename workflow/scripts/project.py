@@ -63,6 +63,7 @@ def main(
         sensor=Sensor(**sensor),
         threads=threads,
         pose=pose,
+        samples=geometry_settings.scan.samples,
     )
     log.info("effects: %s", physics or "none")
     write_line_integrals(output, line_integrals, geometry, None if state is None else to_store(state))

@@ -237,6 +237,7 @@ def scan(
         materials=Segmentation(**defaults_of("materials")),
         sensor=Sensor(**defaults_of("sensor")),
         threads=threads,
+        samples=section["samples"],
     )
     noise = defaults_of("noise")
     label, level = stream or (f"views{projections}", LEVEL)

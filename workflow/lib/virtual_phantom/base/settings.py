@@ -99,6 +99,7 @@ class ScanSettings:
     row_pitch_mm: float
     column_offset_px: float
     row_offset_px: float
+    samples: int = 1
 
 
 @dataclass(frozen=True)

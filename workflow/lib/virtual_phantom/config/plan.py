@@ -16,7 +16,7 @@ from .settings import Analyses, Effects, Protocol, Study
 from .tissue_classes import tissue_classes
 
 # Keys of a scan that are newer than the saved scores. With these values they are not part of the hash of the settings.
-NEWER_KEYS = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
+NEWER_KEYS = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None, "samples": 1}
 
 Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of all realizations that one job computes
 

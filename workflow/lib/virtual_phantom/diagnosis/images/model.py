@@ -24,7 +24,7 @@ from .observed import Condenser, ObservedImages
 REALIZATIONS = 7  # of noise, reconstructed together; the mean is reconstructed separately
 WATER_SD = 0.3  # SD of the scale if attenuation is absolute: scanners set water to 0 HU for every spectrum
 IMAGES_KEPT = 6  # cached settings; a Jacobian uses the images at its central point for every parameter
-STARTS_PER_PERIOD = 2  # of the resampling matrix; its fit has a minimum in each period (benchmarks/image_effects.py)
+STARTS_PER_PERIOD = 2  # of a periodic parameter; chi-square had minima of about one period (benchmark image_effects)
 EARLIER = 0  # branch of the random stream of the realizations
 
 
