@@ -335,7 +335,7 @@ def summarize(rows: Sequence[Mapping]) -> None:
     for name in ["all", *FAULTS]:
         of = [row for row in rows if name in ("all", row["fault"])]
         if of:
-            sums = (sum(row[key] for row in of) for key in ("first", "anywhere", "wrong", "unexplained"))
+            sums = [sum(row[key] for row in of) for key in ("first", "anywhere", "wrong", "unexplained")]
             first, *others = (f"{number:g}" for number in sums)
-            low, high = (100 * end for end in share_of(round(float(first)), len(of))["ci95"])
+            low, high = (100 * end for end in share_of(sums[0], len(of))["ci95"])
             print(f"| {name} | {first} of {len(of)} ({low:.0f} to {high:.0f} %) | {' | '.join(others)} |")
