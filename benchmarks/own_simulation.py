@@ -1,4 +1,4 @@
-"""Name the physics that a simulation by ASTRA lacks, in recordings by XCIST with one hidden effect (40 minutes).
+"""Name the physics that a simulation by ASTRA lacks, in recordings by XCIST with one hidden effect (10 CPU minutes).
 
 Objects are the phantoms of the blind validation, constant along z. ASTRA projects the slice that XCIST scans with RAYS
 rays per pixel, with one energy and no effect. Options::

@@ -203,6 +203,7 @@ def test_similar_names_of_different_files_are_accepted():
         ("diagnosis", {"comparisons": ["x"]}, "diagnosis.comparisons names 'x', which does not exist"),
         ("diagnosis", {"recordings": {"bench": {"sample": 2}}}, "unknown key 'sample' in diagnosis.recordings.bench"),
         ("physics", {"scatter": {}}, "physics needs noise.model: physical"),
+        ("scan.samples", 2, "scan.samples needs noise.model: physical"),
         ("reconstruct", {}, "unknown key 'reconstruct' in config; did you mean 'reconstruction'"),
         ("scan.pich", 1, "unknown key 'pich' in scan; did you mean 'pitch'"),
         ("protocols.sirt_150.projections", 0, "protocols.sirt_150.projections: 0 is less than the minimum of 1"),

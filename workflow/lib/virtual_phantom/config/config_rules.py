@@ -20,6 +20,8 @@ from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 from .outputs import OUTPUTS, WILDCARD
 from .plan import WITHOUT_PHYSICS
 
+PHYSICAL = "physical"  # model of noise with photons
+
 
 @dataclass(frozen=True)
 class Entries(Collection):
@@ -438,8 +440,8 @@ class Rules:
                 continue
             seen.append(stated)
             where = f"config: protocols.{name}.physics"
-            if self.config.get("noise", {"model": "physical"})["model"] != "physical":
-                yield f"{where} needs noise.model: physical; the astra model has no photons"
+            if self.config.get("noise", {"model": PHYSICAL})["model"] != PHYSICAL:
+                yield f"{where} needs noise.model: {PHYSICAL}; the astra model has no photons"
                 continue
             if "from" in stated:
                 yield from self._physics_from(stated, where)
@@ -637,6 +639,9 @@ class Rules:
         scans = {"scan": self.config["scan"]} if "scan" in self.config else {}
         scans |= {f"scans.{name}": scan for name, scan in self.config["scans"].items()}
         for name, scan in scans.items():
+            # Counts of the astra model are relative to the largest line integral, not to the air of a pixel.
+            if scan.get("samples", 1) > 1 and self.config.get("noise", {"model": PHYSICAL})["model"] != PHYSICAL:
+                yield f"config: {name}.samples needs noise.model: {PHYSICAL}; the astra model has no photons"
             if scan.get("beam") == PARALLEL:
                 if scan.get("detector", FLAT) != FLAT or scan.get("flying_focal_spot"):
                     yield f"config: {name}.beam is parallel; remove {name}.detector and {name}.flying_focal_spot"

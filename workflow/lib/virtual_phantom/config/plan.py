@@ -88,9 +88,9 @@ class Plan:
         raise KeyError(label)
 
     def has_physics(self, label: str) -> bool:
-        """Return whether scans of a geometry have effects, from the configuration or from a diagnosis."""
+        """Return whether the chain of effects simulates a geometry: with effects, or several rays per pixel."""
         settings = self.geometry_settings(label)
-        return bool(settings.physics or settings.physics_from)
+        return bool(settings.physics or settings.physics_from or settings.scan.samples > 1)
 
     def voxels_of(self, protocol: str) -> str | None:
         """Return the label of a protocol's own voxels; None if its images are on the study's grid."""

@@ -116,7 +116,8 @@ class Sizes:
     def projection(self, geometry: str) -> tuple[str, dict[str, float]]:
         """Return stage and work of the noise-free projections of a geometry."""
         stage = "project_physics" if self.plan.has_physics(geometry) else "project"
-        steps = self.rays(geometry) * self.across * self.plan.study.grid.oversampling
+        rays = self.rays(geometry) * self.plan.geometry_settings(geometry).scan.samples ** 2
+        steps = rays * self.across * self.plan.study.grid.oversampling
         return stage, {"job": 1, "fine_voxel": self.fine, "ray_step": steps}
 
     def noise(self, geometry: str) -> dict[str, float]:
