@@ -216,6 +216,8 @@ OWN_EQUATION = {
     GVXR: ("centre_of_rotation", "hu_calibration", "electronic_noise", "photon_flux"),
 }
 NOT_SIMULATED = {XCIST: (), GVXR: ("bowtie", "off_focal_radiation", "k_edge_filter")}
+# Not comparable with the library: crosstalk beyond the next pixel, and several decay times.
+DEFINED_OTHERWISE = {XCIST: (), GVXR: ("xray_crosstalk", "optical_crosstalk", "afterglow")}
 
 
 def equation(name: str, simulator: str) -> str:
