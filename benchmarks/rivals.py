@@ -122,9 +122,7 @@ def run(options):
     for case, given in json.loads(options.suite.read_text(encoding="utf-8"))["cases"].items():
         paths = {name: options.out / name / f"{case}.json" for name in options.methods}
         if missing := {name: path for name, path in paths.items() if not path.exists()}:
-            model = from_mapping(FitSettings, given["model"])
-            phantom = Path(given["object"]) / "image.nii.gz" if model.settings.of_phantom else None
-            request = DiagnosisRequest.of(model, phantom, 1)
+            request = DiagnosisRequest.of(from_mapping(FitSettings, given["model"]), given["object"].get("phantom"), 1)
             with np.errstate(divide="ignore"):  # data without variance have no weight
                 fitter = without_halves(prepare_recording(request)[1])
                 for name, path in missing.items():

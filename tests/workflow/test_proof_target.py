@@ -54,9 +54,8 @@ def test_suite_for_other_programs_is_described(proof):
     """A request for the diagnosis can be made of it, and it names no hidden effect."""
     suite = json.loads((proof / "proof" / "suite.json").read_text())
     given = suite["cases"]["case_01"]
-    request = DiagnosisRequest.of(from_mapping(FitSettings, given["model"]), f"{given['object']}/image.nii.gz", 1)
-    assert request.settings.of_phantom and Path(request.phantom).exists()
-    assert (Path(request.folder) / "recording.yaml").exists()
+    request = DiagnosisRequest.of(from_mapping(FitSettings, given["model"]), given["object"]["phantom"], 1)
+    assert (Path(request.folder) / "recording.yaml").exists() and Path(request.phantom).exists()
     assert "scatter" in given["effects"] and suite["effects"]["electronic_noise"] == {"photons": "photons"}
     assert given.keys() == {"recording", "object", "model", "effects"}
 
