@@ -34,7 +34,7 @@ def commit() -> str | None:
 
 def changed_files() -> list[str]:
     """Return the files of rules, scripts and library that differ from the commit or are not part of it."""
-    found = _git("status", "--porcelain", "--", ".")
+    found = _git("status", "--porcelain", "--", ".", "../Snakefile")
     return [line[3:] for line in (found or "").splitlines()]
 
 

@@ -30,7 +30,7 @@ def flux(cfg):
 
 
 def tube_current(cfg, view):
-    """Return the relative current of one or more views (currents.modulated)."""
+    """Return the relative current of one or more views (tube.modulated)."""
     turned = view / cfg.protocol.viewsPerRotation
     angle = np.deg2rad(cfg.protocol.startAngle) + 2 * np.pi * cfg.protocol.rotationDirection * turned
     return modulated(angle, *cfg.hooks.modulation)
