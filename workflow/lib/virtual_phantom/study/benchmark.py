@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,19 +49,12 @@ class Benchmark:
         return {
             case: {
                 "recording": self.proof.files("proof_recording", case=case),
-                "object": self._object(case),
+                "object": self.proof.object_files(case),
                 "model": to_mapping(self.proof.model(case)),
                 "effects": self.proof.tried_on(case),
             }
             for case in self.proof.cases
         }
-
-    def object_files(self) -> list[str]:
-        """Return the files that describe the objects of all cases."""
-        return sorted({path for case in self.proof.cases for path in self._object(case).values()})
-
-    def _object(self, case: str) -> Mapping[str, str]:
-        return self.proof.object_files(case)
 
     @property
     def registered(self) -> dict:
