@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from drawn_objects import CYLINDERS, ENERGY_KEV, MATERIALS, drawn
 from drawn_objects import GEOMETRY as FAN
-from simulated_scans import scans_of
+from simulated_scans import disc_bench, scans_of
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
@@ -19,9 +19,10 @@ from virtual_phantom.diagnosis.planning.ranking import conditions_of
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.projections.object_errors import StatedObject
+from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.scanned_object import labelled_scene
-from virtual_phantom.diagnosis.settings import ObjectUncertainty
+from virtual_phantom.diagnosis.settings import Disc, ObjectUncertainty, RecordingSettings
 from virtual_phantom.io import documents
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.io.volumes import Volume
@@ -29,7 +30,7 @@ from virtual_phantom.physics.beam.materials import Mixture, Segmentation, attenu
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes import shapes
 from virtual_phantom.physics.scenes.labeled import read_label_map
-from virtual_phantom.physics.scenes.scene import VoxelScene
+from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 
 PHOTONS, MU_WATER = 1e5, 0.02
@@ -148,6 +149,27 @@ def test_an_exact_object_has_no_errors_and_a_single_material_only_a_scale():
     disc = ShapesScene([cylinder("water", (0, 0, 0), 90)])
     assert StatedObject(disc, ObjectUncertainty(), MU_WATER).errors(GEOMETRY, 1).names == ()
     assert ready(None).fitter.model.object_error_names == ()
+
+
+def test_a_disc_has_an_uncertain_radius_and_without_an_energy_an_uncertain_attenuation():
+    fan = disc_bench(view_interval_ms=10.0)
+    true, told = DiscScene(160.4, "pmma", energy_kev=50.0), DiscScene(160.0, "pmma")
+    taken = scans_of(Chain(true, fan, PHOTONS, samples=8).state({}), 4, np.random.default_rng(1))
+    request = DiagnosisRequest("scan", RecordingSettings(None, None, {}, disc=Disc(160.0, "pmma")), MU_WATER, None)
+    model, floor = model_and_floor(told, fan, 2, photons=PHOTONS)
+    contents = {}
+    for uncertain in (StatedObject(told, ObjectUncertainty(), MU_WATER), None):
+        options = {"floor_chain": floor, "uncertain": uncertain, "known": request.alignment({})}
+        data = prepared.prepare(taken, None, model, **options)
+        accuracy = defaults_of("diagnosis", "model_accuracy")
+        effects = ("source_distance", "detector_saturation")
+        contents[uncertain is None] = find_missing_physics("disc", data, effects, accuracy).content
+    assert contents[False]["verdict"] == "match" != contents[True]["verdict"]
+    found = {name: number["value"] for name, number in contents[False]["alignment"].items()}
+    assert found["size"] == pytest.approx(80.2 / 80, abs=2e-4)
+    scanned, assumed = attenuation_per_mm("pmma", [50.0, 60.0])
+    assert found["scale"] == pytest.approx(scanned / assumed, abs=1e-3)
+    assert request.alignment({"energy_kev": 50.0}) == request.alignment({"tube_kvp": 80.0}) == {}
 
 
 def test_a_density_within_its_uncertainty_is_fitted_and_no_effect_named():

@@ -63,9 +63,9 @@ rule proof_diagnosis:
         runtime=60,
     params:
         model=lambda wildcards: to_mapping(proof.model(wildcards.case)),
-        phantom=lambda wildcards: proof.object_file(wildcards.case, "image.nii.gz"),
-        image=lambda wildcards: proof.object_file(wildcards.case, "image.nii.gz"),
-        rois=lambda wildcards: proof.object_file(wildcards.case, "rois.csv"),
+        phantom=lambda wildcards: proof.object_file(wildcards.case, "phantom"),
+        image=lambda wildcards: proof.object_file(wildcards.case, "image"),
+        rois=lambda wildcards: proof.object_file(wildcards.case, "rois"),
         effects=lambda wildcards: proof.tried_on(wildcards.case),
         same_material=True,
         accuracy=context.study.diagnosis.model_accuracy,
@@ -93,9 +93,9 @@ rule proof_elsewhere:
         runtime=30,
     params:
         model=lambda wildcards: to_mapping(proof.held_out_model(wildcards.case)),
-        phantom=lambda wildcards: proof.object_file(wildcards.case, "image.nii.gz"),
-        image=lambda wildcards: proof.object_file(wildcards.case, "image.nii.gz"),
-        rois=lambda wildcards: proof.object_file(wildcards.case, "rois.csv"),
+        phantom=lambda wildcards: proof.object_file(wildcards.case, "phantom"),
+        image=lambda wildcards: proof.object_file(wildcards.case, "image"),
+        rois=lambda wildcards: proof.object_file(wildcards.case, "rois"),
         code=lambda wildcards: code(
             "agreement_other_protocol.py", proof.tried_on(wildcards.case)
         ),
@@ -178,7 +178,7 @@ rule hide:
     input:
         rules.proof_seal.output,
         rules.proof_suite.output,
-        context.benchmark.object_folders(),
+        proof.all("proof_object"),
         proof.all("proof_recording"),
         proof.all("proof_held_out"),
     localrule: True

@@ -42,6 +42,8 @@ def model_assumptions(
     tube = "voltage not stated" if nominal.tube_kvp is None else f"{nominal.tube_kvp:g} kV stated"
     sensor, kev = nominal.sensor, prepared.fitter.model.chain.scene.energy_kev
     (water,) = attenuation_per_mm("water", [kev])
+    wide = recording.kind == "projections" and request.alignment(recording.nominal) != settings.alignment
+    assumed = "; not stated, so the scale of line integrals is fitted" if wide else ""
     stated_priors = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
     photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
     simulation = {}
@@ -53,7 +55,7 @@ def model_assumptions(
         "object": object_text(request),
         "uncertainty of the object": uncertainty_text(settings, prepared.fitter.model.object_errors),
         "scan": scan_text(request, recording),
-        "beam before any effect": f"one energy, {kev:.3g} keV, at which water attenuates {water:.3g} per mm",
+        "beam before any effect": f"one energy, {kev:.3g} keV, at which water attenuates {water:.3g} per mm{assumed}",
         "tube": f"anode of {nominal.anode.target} at {nominal.anode.angle_deg:g} degrees, {tube}",
         "sensor": f"{label(sensor.material)}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
         "photons per pixel in air": photons,

@@ -69,7 +69,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         anode=nominal.anode,
         tube_kvp=nominal.tube_kvp,
         nominal_photons=settings.nominal_photons or recording.nominal.get("photons"),
-        known=settings.alignment,
+        known=request.alignment(recording.nominal),
         location=settings.location,
         declared=declared(settings.baseline, BASELINE_CONFIG_KEY),
         floor_chain=floor,

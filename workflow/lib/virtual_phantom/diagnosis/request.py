@@ -13,9 +13,12 @@ from ..physics.beam.materials import Segmentation, attenuation_per_mm
 from ..physics.beam.sensors import Sensor, sensor_from_label
 from ..physics.beam.spectra import KVP, TUNGSTEN, Anode
 from ..recordings.recording import Recording
-from .settings import FitSettings, RecordingSettings
+from .settings import FitSettings, MaskedObject, RecordingSettings
 
 LOCATION_DIGITS = 1  # decimals of a fitted object location in mm
+# SD of the scale of line integrals if their energy is not known. At 40 and 150 keV, the attenuation of PMMA is 1.22 and
+# 0.76 times that at 60 keV.
+ASSUMED_ENERGY_SD = 0.3
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,18 @@ class DiagnosisRequest:
             return self
         (water,) = attenuation_per_mm("water", [energy])
         return replace(self, energy_kev=energy, mu_water_per_mm=float(water))
+
+    def alignment(self, nominal: Mapping) -> dict[str, float]:
+        """Return the stated priors of line integrals, with a wide one of the scale if the energy of a disc is assumed.
+
+        Parameters
+        ----------
+        nominal : mapping
+            Section of recording.yaml.
+        """
+        homogeneous = self.settings.disc is not None or isinstance(self.settings.object, MaskedObject)
+        assumed = homogeneous and not {"energy_kev", "tube_kvp"} & set(nominal)
+        return ({"scale": ASSUMED_ENERGY_SD} if assumed else {}) | self.settings.alignment
 
     def located(self, location: Mapping[str, float]) -> DiagnosisRequest:
         """Return the request with the object at this location; itself if the location is empty."""

@@ -49,16 +49,12 @@ class Benchmark:
         return {
             case: {
                 "recording": self.proof.files("proof_recording", case=case),
-                "object": self.proof.files("proof_object", case=case),
+                "object": self.proof.object_files(case),
                 "model": to_mapping(self.proof.model(case)),
                 "effects": self.proof.tried_on(case),
             }
             for case in self.proof.cases
         }
-
-    def object_folders(self) -> list[str]:
-        """Return the folders that describe the objects of all cases."""
-        return self.proof.all("proof_object")
 
     @property
     def registered(self) -> dict:

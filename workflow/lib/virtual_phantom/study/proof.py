@@ -16,7 +16,7 @@ from ..diagnosis.candidate_effects import candidates
 from ..diagnosis.settings import Disc, FitSettings, LabelledObject, RecordingSettings, ShapesObject
 from ..io.schema import defaults_of
 from ..proof.hiding.materials import DENSE, DENSE_FROM_HU, SOFT
-from ..proof.hiding.objects import DISC, HU, LABELS
+from ..proof.hiding.objects import DISC, HU, LABELS, SHAPES
 from ..proof.hiding.orbits import HELIX, Orbit, image_grid
 from ..proof.hiding.suite import (
     IMAGES,
@@ -31,6 +31,13 @@ from ..proof.hiding.suite import (
 )
 from ..recordings.scan import DETECTOR
 
+# Files of stated_object.write that the diagnosis of a case reads, by description
+STATED_FILES = {
+    HU: {"phantom": "image.nii.gz", "image": "image.nii.gz", "rois": "rois.csv"},
+    SHAPES: {"shapes": "object.yaml"},
+    LABELS: {"labels": "labels.nii.gz"},
+    DISC: {},
+}
 DISC_SIZE_SD = 0.01  # relative, as in the example of docs/how-to/diagnosis.md
 
 
@@ -106,9 +113,14 @@ class Proof:
         """Return the paths of an output of the diagnoses of all real recordings in the report."""
         return [self.files(name, recording=recording) for recording in self.settings.recordings]
 
-    def object_file(self, case: str, name: str) -> str | None:
-        """Return a file of the CT that describes the object of a case; None if another description does."""
-        return f"{self.files('proof_object', case=case)}/{name}" if self.worlds[case].description == HU else None
+    def object_files(self, case: str) -> dict[str, str]:
+        """Return {content: path} of the files that describe the object of a case; a disc has none."""
+        names = STATED_FILES[self.worlds[case].description]
+        return {content: f"{self.files('proof_object', case=case)}/{name}" for content, name in names.items()}
+
+    def object_file(self, case: str, content: str) -> str | None:
+        """Return one of `object_files`, or None."""
+        return self.object_files(case).get(content)
 
     def tried_on(self, case: str) -> list[str]:
         """Return the candidate effects of a case."""
@@ -138,16 +150,16 @@ class Proof:
             raise InputError(str(error).replace("diagnosis.effects", "proof.images.tried")) from None
 
     def _settings(self, case: str, protocol: str) -> RecordingSettings:
-        world, folder = self.worlds[case], self.files("proof_object", case=case)
+        world, files = self.worlds[case], self.object_files(case)
         described: dict = {}
         if world.description == DISC:
             outer = world.stated(self.settings.seed).parts[0]
             described = {"disc": Disc(2 * outer.radius_mm, outer.material)}
         elif world.description == LABELS:
             materials = world.stated(self.settings.seed).label_materials
-            described = {"object": LabelledObject(f"{folder}/labels.nii.gz", materials)}
+            described = {"object": LabelledObject(files["labels"], materials)}
         elif world.description != HU:
-            described = {"object": ShapesObject(f"{folder}/object.yaml")}
+            described = {"object": ShapesObject(files["shapes"])}
         return _diagnosed(getattr(self.settings, protocol), baseline=self._stated[case], **described)
 
     def _model(self, folder: str, case: str, protocol: str) -> FitSettings:

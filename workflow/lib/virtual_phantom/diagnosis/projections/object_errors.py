@@ -197,6 +197,21 @@ class StatedObject:
                 )
         return ObjectErrors(*self.amounts(geometry, samples, pose), self._edges(geometry, samples), self)
 
+    @property
+    def alignment(self) -> dict[str, float]:
+        """Standard deviation of the size of an object of one material, whose surface has no other error."""
+        if self.phantom is not None or len(self.scene.materials) > 1:
+            return {}
+        return {"size": self._surface_mm / self.scene.radius_mm}
+
+    @property
+    def _surface_mm(self) -> float:
+        """Standard deviation of the location of surfaces, mm."""
+        surface_mm = self.uncertainty.surface_mm
+        if isinstance(self.scene, GridScene) and self.scene.is_binary:
+            surface_mm = float(np.hypot(surface_mm, SURFACE_VOXELS * self.scene.grid.spacing[2]))
+        return surface_mm
+
     def another(self, scene: Scene) -> StatedObject:
         """Return another object, with default uncertainty of its materials."""
         return StatedObject(scene, ObjectUncertainty(), self.mu_water_per_mm)
@@ -225,10 +240,7 @@ class StatedObject:
         scene, uncertainty = self.scene, self.uncertainty
         names, mu = list(map(str, scene.materials)), scene.attenuation_per_mm[:, None, None, None].astype(np.float32)
         densities = [Nuisance(DENSITY + name, "1", 0.0, uncertainty.density_of(name)) for name in names]
-        surface_mm = uncertainty.surface_mm
-        if isinstance(scene, GridScene) and scene.is_binary:
-            surface_mm = float(np.hypot(surface_mm, SURFACE_VOXELS * scene.grid.spacing[2]))
-        surfaces = [Nuisance(SURFACE + name, "mm", 0.0, surface_mm) for name in names]
+        surfaces = [Nuisance(SURFACE + name, "mm", 0.0, self._surface_mm) for name in names]
         lengths = _lengths(scene, geometry, samples, pose)
         if isinstance(scene, ShapesScene):
             grown = (scene.grown(material, STEP_MM) for material in scene.materials)

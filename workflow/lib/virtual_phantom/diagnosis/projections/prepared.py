@@ -334,7 +334,7 @@ def prepare(
         # The noise of a single repeat is not fitted, so the photons need a prior.
         np.log(nominal_photons or photons),
         NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf,
-        {"size": SIZE_SD} | (known or {}),
+        {"size": SIZE_SD} | ({} if uncertain is None else uncertain.alignment) | (known or {}),
         numerical.names,
         location,
     )

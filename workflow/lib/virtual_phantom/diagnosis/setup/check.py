@@ -70,7 +70,7 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult 
         grid = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
         return orientation(repeats, phantom.array, phantom.grid, grid)
     taken = scans(recording.repeats)
-    known = {number.name: SURE * number.sd for number in nuisances(0.0, 1.0, request.settings.alignment)}
+    known = {number.name: SURE * number.sd for number in nuisances(0.0, 1.0, request.alignment(recording.nominal))}
     reach = {name: known[name] for name in (*PLACE, "scale")}
     location, unchecked = request.settings.location, recording.document.content.get("not_checked", ())
     comparison = Comparison(
