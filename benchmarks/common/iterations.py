@@ -17,7 +17,7 @@ from virtual_phantom.reconstruction.sirt import sirt
 
 GRID = Grid((24, 64, 64), (4.0, 4.7, 4.7))
 SCAN = circular(views=75, columns=80, rows=24, column_pitch_mm=8.0, row_pitch_mm=8.0, **engines.SCANNER)
-SETTINGS = defaults_of("reconstruction", "sirt")
+SETTINGS = defaults_of("reconstruction", "sirt") | {"terms": 60, "tolerance_hu": 0}
 ITERATIONS = SETTINGS["iterations"]
 LANES = 16
 FEW, MORE = 2, 6  # iterations of RTK, whose difference is timed
