@@ -129,11 +129,29 @@ def test_the_changes_by_hu_of_all_values_add_up_to_a_change_of_all_hu():
     errors = StatedObject(scene, ObjectUncertainty(), MU_WATER, Volume(hu, grid)).errors(GEOMETRY, 1)
     denser = VoxelScene.of(Volume(hu + 10, grid), Segmentation("water", None), MU_WATER)
     lines = [Chain(one, GEOMETRY).state({}).line_integrals() for one in (scene, denser)]
-    assert 10 * errors.changes.sum(axis=0) == pytest.approx(lines[1] - lines[0], abs=1e-4)
+    of_hu = np.array([name.startswith("hu_near_") for name in errors.names])
+    assert 10 * errors.changes[of_hu].sum(axis=0) == pytest.approx(lines[1] - lines[0], abs=1e-4)
     assert hu_to_attenuation(np.array([10.0]), MU_WATER) - MU_WATER == pytest.approx(10 * MU_WATER / 1000)
     sds = {number.name: number.sd for number in errors.numbers}
     assert sds["hu_near_50"] == 5
     assert sds["hu_near_1000"] == pytest.approx(np.hypot(5, 20))
+
+
+def test_surfaces_of_a_phantom_in_hu_grow_by_part():
+    grid = Grid((4, 100, 100), (4.0, 2.0, 2.0))
+    _, y, x = grid.axes_mm()
+    body, hole, rod = (
+        np.broadcast_to(np.clip((radius - np.hypot(x - at, y[:, None])) / 2 + 0.5, 0, 1), grid.shape)
+        for radius, at in ((90, 0), (20, -40), (20, 50))
+    )
+    hu = (1000 * (body - hole + 0.8 * rod - 1)).astype(np.float32)
+    scene = VoxelScene.of(Volume(hu, grid), Segmentation("water", None), MU_WATER)
+    errors = StatedObject(scene, ObjectUncertainty(), MU_WATER, Volume(hu, grid)).errors(GEOMETRY, 3)
+    found = {number.name: (number.sd, change) for number, change in zip(errors.numbers, errors.changes, strict=True)}
+    through = {name: change[6, :, 20].mean() for name, (_, change) in found.items() if name.startswith("surface_of_")}
+    expected = {"body": 2, "air inside 1": -2, "dense part 1": 1.6}  # along x, through both walls
+    assert through == pytest.approx({f"surface_of_{key}": MU_WATER * n for key, n in expected.items()}, rel=0.02)
+    assert found["surface_of_body"][0] == pytest.approx(np.hypot(0.1, 0.25 * 2))
 
 
 def test_a_material_that_the_object_does_not_have_is_rejected():

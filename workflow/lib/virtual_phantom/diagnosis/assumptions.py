@@ -113,13 +113,15 @@ def uncertainty_text(settings: RecordingSettings, errors: ObjectErrors | None) -
         return "none: stated as exact"
     numbers = () if errors is None else errors.numbers
     uncertainty, found = settings.object_uncertainty, []
+    sds = {number.name: number.sd for number in numbers}
     if numbers and settings.of_phantom:
         found = [f"{uncertainty.hu:g} HU", f"{100 * uncertainty.density:g} % of the density above {DENSE_HU} HU"]
     elif numbers:
-        sds = {number.name: number.sd for number in numbers}
         densities = {name: sd for name, sd in sds.items() if name.startswith(DENSITY)}
         found = [f"density of {label(name.removeprefix(DENSITY))} {100 * sd:g} %" for name, sd in densities.items()]
-        found.append(f"surfaces {max(sd for name, sd in sds.items() if name.startswith(SURFACE)):.2g} mm")
+    surfaces = [sd for name, sd in sds.items() if name.startswith(SURFACE)]
+    if surfaces:
+        found.append(f"surfaces {max(surfaces):.2g} mm")
     if errors is not None and errors.edges is not None:
         found.append("edges within voxels")
     return ", ".join(found) or "density scale and size alone"

@@ -10,11 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import ndimage
 
 from ...base.errors import InputError, did_you_mean
 from ...base.geometry import ScanGeometry
 from ...base.lru_cache import LRUCache
 from ...base.pose import IN_PLACE, Pose
+from ...base.units import HU_AIR
 from ...io.volumes import Volume, read_nifti
 from ...physics.scenes.sampling import average_rays, supersampled
 from ...physics.scenes.scene import GridScene, Scene, VoxelScene
@@ -25,11 +27,14 @@ from ..request import DiagnosisRequest
 from ..settings import ObjectUncertainty
 
 DENSITY, SURFACE, HU = "density_of_", "surface_of_", "hu_near_"  # prefixes of names of parameters
-SURFACE_VOXELS = 0.25  # additional SD of surfaces between voxels that have one material or none, in voxels
+SURFACE_VOXELS = 0.25  # additional SD of surfaces of voxels that have one material or none, or HU, in voxels
 STEP_MM = 0.05  # growth of shapes for derivatives
 # HU at which the error of a phantom in HU is a parameter; linear between them. Soft tissues differ by 20 HU or more.
 NODES_HU = (-1000, -700, -300, -100, -50, 0, 25, 50, 75, 100, 150, 250, 500, 1000, 2000)
 DENSE_HU = 150  # from here on the relative error of the density adds to the error in HU
+EMPTY_HU = -500  # below it is air; the surface of the body is halfway between soft tissue and air
+# Parts of a phantom whose surfaces move on their own: the largest ones of air and of dense voxels, and all others.
+MOST_PARTS_OF_KIND, SURFACE_REACH = 3, 2  # voxels from a part, in which edges belong to it
 # Changes of the line integrals of voxels, from one scene to another, and their amplitude, mean and standard deviation.
 # - edge_blur: by a blur of sharp edges with a variance of half a squared voxel.
 # - sharp_edges: by sharp interfaces within voxels; 0 for an object with blurred edges.
@@ -208,7 +213,7 @@ class StatedObject:
     def _surface_mm(self) -> float:
         """Standard deviation of the location of surfaces, mm."""
         surface_mm = self.uncertainty.surface_mm
-        if isinstance(self.scene, GridScene) and self.scene.is_binary:
+        if self.phantom is not None or (isinstance(self.scene, GridScene) and self.scene.is_binary):
             surface_mm = float(np.hypot(surface_mm, SURFACE_VOXELS * self.scene.grid.spacing[2]))
         return surface_mm
 
@@ -226,7 +231,7 @@ class StatedObject:
     def amounts(self, geometry: ScanGeometry, samples: int, pose: Pose) -> tuple[tuple[Nuisance, ...], np.ndarray]:
         """Return the errors of densities or HU, and their changes."""
         if self.phantom is not None:
-            scene, numbers = self._hu_errors()
+            scene, numbers = self._errors_of_phantom()
             per_mm = np.float32(self.mu_water_per_mm / 1000)
             return tuple(numbers), per_mm * _lengths(scene, geometry, samples, pose)
         if len(self.scene.materials) > 1:  # density and size of a single material are those of the alignment
@@ -250,16 +255,46 @@ class StatedObject:
             growth = _lengths(scene.growth(), geometry, samples, pose)
         return (*densities, *surfaces), np.concatenate([mu * lengths, growth])
 
-    def _hu_errors(self) -> tuple[Scene, list[Nuisance]]:
-        """Return a scene with the share of each node of NODES_HU in the phantom, and the parameters."""
+    def _errors_of_phantom(self) -> tuple[Scene, list[Nuisance]]:
+        """Return a scene with the change of the phantom, 1000 times relative to water, per unit of each parameter."""
         hu, scene = self.phantom.array, self.scene
         shares = np.stack([np.interp(hu, NODES_HU, tent).astype(np.float32) for tent in np.eye(len(NODES_HU))[1:]])
         nodes, there = np.array(NODES_HU[1:]), shares.any(axis=(1, 2, 3))
         density = self.uncertainty.density * np.where(nodes > DENSE_HU, nodes + 1000, 0)
         sds = np.hypot(self.uncertainty.hu, density)[there]
         numbers = [Nuisance(f"{HU}{node}", "HU", 0.0, float(sd)) for node, sd in zip(nodes[there], sds, strict=True)]
+        surfaces = growth_of_parts(hu, self.phantom.grid.spacing)
+        numbers += [Nuisance(SURFACE + name, "mm", 0.0, self._surface_mm) for name in surfaces]
+        changes = np.concatenate([shares[there], *(change[None] for change in surfaces.values())])
         materials = ("water",) * len(numbers)
-        return VoxelScene(shares[there], self.phantom.grid, materials, scene.energy_kev, scene.threads), numbers
+        return VoxelScene(changes, self.phantom.grid, materials, scene.energy_kev, scene.threads), numbers
+
+
+def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> dict[str, np.ndarray]:
+    """Return the change of a phantom if the surface of a part grows, HU/mm, by name of the part.
+
+    Parts are the body, air within it, and dense voxels. Edges of other voxels are left to the errors of HU.
+    """
+    axes = [axis for axis in range(3) if hu.shape[axis] > 1]
+    slopes = np.gradient(np.maximum(hu, HU_AIR), *(spacing_mm[axis] for axis in axes), axis=axes)
+    steep = np.sqrt(sum(slope**2 for slope in (slopes if len(axes) > 1 else [slopes]))).astype(np.float32)
+    empty, _ = ndimage.label(hu < EMPTY_HU)
+    border = np.concatenate([np.take(empty, end, axis).ravel() for axis in (1, 2) for end in (0, -1)])
+    outside = np.isin(empty, np.setdiff1d(border, 0))
+    parts, found = [("body", ~outside, 1)], {}
+    for kind, voxels, sign in (("air inside", (empty > 0) & ~outside, -1), ("dense part", hu > DENSE_HU, 1)):
+        labels, count = ndimage.label(voxels)
+        largest = np.argsort(-np.bincount(labels.ravel())[1:])[: MOST_PARTS_OF_KIND - 1] + 1
+        parts += [(f"{kind} {rank}", labels == one, sign) for rank, one in enumerate(largest, 1)]
+        if count > len(largest):
+            parts.append((f"{kind} {MOST_PARTS_OF_KIND}", (labels > 0) & ~np.isin(labels, largest), sign))
+    for name, part, sign in parts:
+        near = ndimage.binary_dilation(part, iterations=SURFACE_REACH)
+        near &= ndimage.binary_dilation(~part, iterations=SURFACE_REACH)
+        if near.any():
+            found[name] = sign * np.where(near, steep, 0)
+            steep = np.where(near, 0, steep)
+    return found
 
 
 def parts_of_voxels(scene: GridScene, geometry: ScanGeometry) -> tuple[int, int, int]:
