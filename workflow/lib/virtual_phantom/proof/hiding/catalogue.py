@@ -215,6 +215,8 @@ OWN_EQUATION = {
     XCIST: ("centre_of_rotation", "hu_calibration"),
     GVXR: ("centre_of_rotation", "hu_calibration", "electronic_noise", "photon_flux"),
 }
+# Effects with other parameters than the library's: crosstalk beyond direct neighbors, several decay times.
+OTHER_PARAMETERS = {XCIST: (), GVXR: ("xray_crosstalk", "optical_crosstalk", "afterglow")}
 NOT_SIMULATED = {XCIST: (), GVXR: ("bowtie", "off_focal_radiation", "k_edge_filter")}
 
 

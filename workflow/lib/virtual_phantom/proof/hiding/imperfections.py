@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from .catalogue import CATALOGUE
+from .catalogue import CATALOGUE, OTHER_PARAMETERS
 from .hidden_effect import STRENGTHS
 from .objects import ScannedObject
 
@@ -14,19 +14,21 @@ HU_ERROR = 5.0  # largest error of the CT number of a part, HU
 SHAPE_MM = (0.1, 0.3)  # error of the semi-axes of a part
 SHIFT_MM, HEIGHT_MM, TURN_DEG = 0.8, 0.5, 0.4  # largest errors of the pose
 DOSE_SD = 0.015  # of the logarithm of the photons
-# Deviations that may be declared: all parameters exist in both simulators and are defined as in the library.
+# Deviations that may be declared, if the simulator defines their parameters as the library does
 DECLARABLE = ("electronic_noise", "detector_offset", "detector_row_offset", "source_distance", "xray_crosstalk")
 STATED_SD = 0.1  # error of declared parameters, relative to their size
 # Deviations that are not declared, in a share of the cases, with their shares of the smallest hidden size. The largest
 # objects change by less than 1 HU in any square of 8 x 8 voxels, the default threshold of relevance.
 SMALL = {
-    **{"dark_signal": 0.04, "scatter": 0.07, "gain_pattern": 0.2, "afterglow": 0.2, "detector_offset": 0.2},
+    **{"dark_signal": 0.04, "scatter": 0.05, "gain_pattern": 0.2, "afterglow": 0.2, "detector_offset": 0.2},
     "veiling_glare": 0.2,
 }
 SMALL_CASES = 0.25
 
 
-def drawn(scanned: ScannedObject, hidden: Collection[str], count: int, random: np.random.Generator) -> dict:
+def drawn(
+    scanned: ScannedObject, simulator: str, hidden: Collection[str], count: int, random: np.random.Generator
+) -> dict:
     """Draw the imperfections of a case.
 
     Parameters
@@ -62,7 +64,8 @@ def drawn(scanned: ScannedObject, hidden: Collection[str], count: int, random: n
         "settings": {},
     }
     groups = {CATALOGUE[name].alike for name in hidden} - {""}
-    free = [name for name in DECLARABLE if name not in hidden and CATALOGUE[name].alike not in groups]
+    declarable = [name for name in DECLARABLE if name not in OTHER_PARAMETERS[simulator]]
+    free = [name for name in declarable if name not in hidden and CATALOGUE[name].alike not in groups]
     for name in random.permutation(free)[: int(random.integers(0, count + 1))]:
         settings, true = CATALOGUE[name].draw(STRENGTHS[0], random)
         found["settings"] |= settings

@@ -13,7 +13,7 @@ from ...base.errors import InputError
 from ...base.proof_settings import ProofSettings
 from ...base.streams import Stream, branch, generator
 from . import imperfections
-from .catalogue import CATALOGUE, GVXR, IMAGE, STRENGTHS, XCIST, equation, simulated_by
+from .catalogue import CATALOGUE, GVXR, IMAGE, OTHER_PARAMETERS, STRENGTHS, XCIST, equation, simulated_by
 from .missing_effects import MISSING_EFFECTS
 from .objects import BODY, DESCRIPTIONS, DISC, KINDS, ScannedObject, drawn_object
 from .orbits import ARC, FULL, GEOMETRIES, Orbit, orbit_of
@@ -254,6 +254,8 @@ def _truth(case: str, world: World, planned: Planned, settings: ProofSettings) -
         weak_kernel = kind == IMAGES and name == KERNEL
         size = planned.strength or ("weak" if weak_kernel else str(random.choice(STRENGTHS[1:])))
         made, comparable = CATALOGUE[name].draw(size, random)
+        if name in OTHER_PARAMETERS[world.simulator]:
+            comparable = {}
         if kind == IMAGES:  # images have no readout units
             comparable = {key: value for key, value in comparable.items() if "_units" not in key}
         drawn.append(
@@ -287,7 +289,7 @@ def _truth(case: str, world: World, planned: Planned, settings: ProofSettings) -
         "strength": planned.strength or (drawn[0]["strength"] if category == "unknown" else None),
         "effects": drawn,
         "where": sorted(where),
-        "imperfections": imperfections.drawn(world.stated(seed), names, declared, random),
+        "imperfections": imperfections.drawn(world.stated(seed), world.simulator, names, declared, random),
     }
 
 
