@@ -1,24 +1,35 @@
 """Both simulators against path lengths in closed form: random objects, all geometries, errors of the object."""
 
 import importlib.util
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
+from scipy import ndimage
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.proof_settings import ProofScan
 from virtual_phantom.base.streams import branch, generator
+from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.objects import read_object
 from virtual_phantom.physics.scenes.shapes import ShapesScene
 from virtual_phantom.proof.hiding import gvirtualxray, suite
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.generate import ENERGY_OF_WATER, acquire, scan_of
+from virtual_phantom.proof.hiding.gvirtualxray import attenuation_of as gvxr_attenuation_of
+from virtual_phantom.proof.hiding.gvirtualxray import energy_of_water, lagging, scattered
+from virtual_phantom.proof.hiding.hidden_effect import READOUT_KEV
+from virtual_phantom.proof.hiding.imperfections import SMALL
+from virtual_phantom.proof.hiding.materials import IN_LIBRARY
 from virtual_phantom.proof.hiding.meshes import surface
-from virtual_phantom.proof.hiding.objects import PHANTOM, Part, drawn_object, imperfect
-from virtual_phantom.proof.hiding.orbits import orbit_of
+from virtual_phantom.proof.hiding.objects import BODY, PHANTOM, Part, ScannedObject, drawn_object, imperfect
+from virtual_phantom.proof.hiding.orbits import image_grid, orbit_of
+from virtual_phantom.proof.hiding.readout import read_out
+from virtual_phantom.proof.hiding.reconstruction import images_hu
 from virtual_phantom.proof.hiding.stated_object import described
-from virtual_phantom.proof.hiding.xcist import Scan, attenuation_of
+from virtual_phantom.proof.hiding.xcist import Acquired, Scan, attenuation_of
 from virtual_phantom.recordings.scan import scan_geometry
 
 MU_WATER = 0.01928
@@ -83,6 +94,40 @@ def test_errors_of_the_object_have_their_size():
         assert mu[1] - mu[0] == pytest.approx(0.0 if before.material == "air" else 0.004 * MU_WATER)
         assert np.subtract(after.semi_axes_mm[:2], before.semi_axes_mm[:2]) == pytest.approx(0.2)
         assert after.centre_mm[0] == pytest.approx(before.centre_mm[0] + 1.0)
+
+
+def test_undeclared_deviations_of_the_largest_body_are_irrelevant(tmp_path):
+    """They change the mean of any square of 8 x 8 voxels by less than 1 HU, the default relevance threshold."""
+    body = ScannedObject(BODY, (Part("body", (0.0, 0.0, 0.0), (145.0, 108.0, 600.0), material="water"),))
+    wanted = replace(PROTOCOL, views=40, columns=64, photons=1e5)
+    orbit = orbit_of("flat", body, wanted, wanted, 0.0)
+    grid = replace(image_grid(orbit), shape=(1, 64, 64))
+    path = tmp_path / "object.yaml"
+    path.write_text(yaml.safe_dump(described(body)))
+    scene = ShapesScene(read_object(str(path)).shapes, energy_of_water(MU_WATER))
+    lines = 1.06 * Chain(scene, scan_geometry(orbit.recorded(1000.0), "orbit"), samples=2).state({}).line_integrals()
+    air = np.full(lines.shape[1:], wanted.photons * READOUT_KEV)
+    inside = ndimage.binary_erosion(body.parts[0].shape.level(*np.ix_(*grid.axes_mm()))[0] < 0, iterations=2)
+    inside = ndimage.binary_erosion(inside, np.ones((8, 8)))
+
+    def image(settings):
+        scan = scan_of(orbit, wanted.photons, 1000.0, 70.0, settings)
+        readings = scattered((np.exp(-lines) * air)[..., None], air[None, ..., None], scan)[None, ..., 0]
+        taken = read_out(Acquired(lagging(readings, scan), air), settings, (9.0, 9.0), 1.0, np.random.default_rng(1))
+        return images_hu(-np.log(taken.readings[0] / taken.air), scan, grid, MU_WATER)[0]
+
+    exact = image({})
+    for name in SMALL.keys() - {"detector_offset"}:  # its rays are shifted, which changes no mean
+        settings, _ = CATALOGUE[name].make(SMALL[name] * CATALOGUE[name].ranges[0][0], np.random.default_rng(2))
+        change = np.abs(ndimage.uniform_filter(image(settings) - exact, 8)[inside]).max()
+        assert 0 < change < 1, name
+
+
+def test_stated_materials_attenuate_as_the_librarys():
+    """A material of the library is stated by its name alone."""
+    kev = energy_of_water(MU_WATER)
+    for name in IN_LIBRARY:
+        assert attenuation_per_mm(name, [kev])[0] == pytest.approx(gvxr_attenuation_of(kev)(name), rel=1e-3), name
 
 
 def test_missing_simulator_is_one_line(monkeypatch):

@@ -13,7 +13,7 @@ from ..base.settings import FbpSettings, GridSettings, MaterialSettings, ScanSet
 from ..config.outputs import Files
 from ..config.plan import Plan
 from ..diagnosis.candidate_effects import candidates
-from ..diagnosis.settings import Disc, FitSettings, LabelledObject, RecordingSettings, ShapesObject
+from ..diagnosis.settings import Disc, FitSettings, LabelledObject, ObjectUncertainty, RecordingSettings, ShapesObject
 from ..io.schema import defaults_of
 from ..proof.hiding.materials import DENSE, DENSE_FROM_HU, SOFT
 from ..proof.hiding.objects import DISC, HU, LABELS, SHAPES
@@ -39,6 +39,7 @@ STATED_FILES = {
     DISC: {},
 }
 DISC_SIZE_SD = 0.01  # relative, as in the example of docs/how-to/diagnosis.md
+SURFACE_SD_MM = 0.2  # tolerance of stated objects: about the RMS of the errors that imperfections.SHAPE_MM allows
 
 
 @dataclass(frozen=True)
@@ -188,10 +189,13 @@ def image_protocol(orbit: Orbit, rotation_ms: float) -> ImageProtocol:
 
 
 def _diagnosed(taken: ProofProtocol, **described) -> RecordingSettings:
-    """Return the settings of the diagnosis of a scan. Rays and views are those of a user who states none."""
+    """Return the settings of the diagnosis of a scan, of a user who states tolerances but no rays and views."""
     # Without `size`, the diameter of a disc is exact.
     alignment = {"size": DISC_SIZE_SD} if "disc" in described else {}
-    return RecordingSettings(None, None, alignment, nominal_photons=taken.photons, **described)
+    uncertain = ObjectUncertainty(surface_mm=SURFACE_SD_MM)
+    return RecordingSettings(
+        None, None, alignment, nominal_photons=taken.photons, object_uncertainty=uncertain, **described
+    )
 
 
 def _parts(section: Mapping, *keys: str) -> dict:

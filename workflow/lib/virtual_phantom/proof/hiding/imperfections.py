@@ -20,7 +20,7 @@ STATED_SD = 0.1  # error of declared parameters, relative to their size
 # Deviations that are not declared, in a share of the cases, with their shares of the smallest hidden size. The largest
 # objects change by less than 1 HU in any square of 8 x 8 voxels, the default threshold of relevance.
 SMALL = {
-    **{"dark_signal": 0.04, "scatter": 0.07, "gain_pattern": 0.2, "afterglow": 0.2, "detector_offset": 0.2},
+    **{"dark_signal": 0.04, "scatter": 0.05, "gain_pattern": 0.2, "afterglow": 0.2, "detector_offset": 0.2},
     "veiling_glare": 0.2,
 }
 SMALL_CASES = 0.25

@@ -34,7 +34,7 @@ class Material:
 MATERIALS = {
     "water": Material(1.0, {"H": 0.111894, "O": 0.888106}),
     "pmma": Material(1.19, {"H": 0.080538, "C": 0.599848, "O": 0.319614}),
-    "polyethylene": Material(0.93, {"H": 0.143711, "C": 0.856289}),
+    "polyethylene": Material(0.94, {"H": 0.143711, "C": 0.856289}),
     "polystyrene": Material(1.05, {"H": 0.077418, "C": 0.922582}),
     "delrin": Material(1.42, {"H": 0.067135, "C": 0.400017, "O": 0.532848}),
     "teflon": Material(2.16, {"C": 0.240183, "F": 0.759817}),
