@@ -18,8 +18,8 @@ CALLS = {"eval", "exec", "compile", "__import__", "os.system", "os.popen", "yaml
 CALLS |= {"yaml.unsafe_load", "pandas.read_pickle", "pd.read_pickle", "nibabel.load", "pandas.read_xml", "pd.read_xml"}
 
 
-# The only file that starts another program, s5cmd, with a list of arguments.
-STARTS_A_PROGRAM = "public_scans/fetch.py"
+# The only files that start other programs, s5cmd and Git, with a list of arguments.
+STARTS_A_PROGRAM = ("public_scans/fetch.py", "scoring/registration.py")
 # The only file that unpickles: compiled code, as Numba's own cache does. Its folders are writable only by the user and
 # the installer of the package (tests/test_compiled.py), and its checksum must be correct.
 READS_COMPILED_CODE = "base/compiled.py"

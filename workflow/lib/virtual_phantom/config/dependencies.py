@@ -70,7 +70,6 @@ def effect_file(name: str) -> Path:
     return EFFECTS / f"{name}.py"
 
 
-@cache
 def code_hash(*modules: str | Path) -> str:
     """Return a hash of 16 hexadecimal digits: of modules and everything they import from the library."""
     known = len(_cache())
@@ -82,7 +81,6 @@ def code_hash(*modules: str | Path) -> str:
     return hashlib.sha256(json.dumps(versions).encode()).hexdigest()[:16]
 
 
-@cache
 def _relative(path: Path) -> str:
     return path.relative_to(LIBRARY).as_posix() if LIBRARY in path.parents else path.name
 

@@ -17,6 +17,7 @@ from .tissue_classes import tissue_classes
 
 # Keys of a scan that are newer than the saved scores. With these values they are not part of the hash of the settings.
 NEWER_KEYS = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None, "samples": 1}
+NO_TOLERANCE = 0  # value of reconstruction.sirt.tolerance_hu with which results are those before this key
 
 Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of all realizations that one job computes
 
@@ -277,6 +278,11 @@ class Plan:
         keys = ("phantom", "grid", "mu_water_per_mm", "materials", "reconstruction", "statistics", "noise")
         settings = {key: study[key] for key in keys}
         compared = self.compared_levels()
+        if any(self.study.protocols[name].algorithm == "sirt" for name in self.groups()):
+            if settings["reconstruction"]["sirt"]["tolerance_hu"] == NO_TOLERANCE:
+                del settings["reconstruction"]["sirt"]["tolerance_hu"]
+        else:
+            del settings["reconstruction"]["sirt"]
         used = [levels[noise] for noise in dict.fromkeys(compared.values())]
         settings["noise"]["level"] = used[0] if len(used) == 1 else {name: levels[compared[name]] for name in compared}
         settings["protocols"] = {
