@@ -18,9 +18,10 @@ from ...base.lru_cache import LRUCache
 from ...base.pose import IN_PLACE, Pose
 from ...base.units import HU_AIR
 from ...io.volumes import Volume, read_nifti
+from ...physics.beam.materials import Material
 from ...physics.scenes.sampling import average_rays, supersampled
 from ...physics.scenes.scene import GridScene, Scene, VoxelScene
-from ...physics.scenes.shapes import ShapesScene
+from ...physics.scenes.shapes import NOTHING, ShapesScene
 from ..fitting.nuisance import Nuisance
 from ..noise.condensed import Observed
 from ..request import DiagnosisRequest
@@ -204,10 +205,22 @@ class StatedObject:
 
     @property
     def alignment(self) -> dict[str, float]:
-        """Standard deviation of the size of an object of one material, whose surface has no other error."""
-        if self.phantom is not None or len(self.scene.materials) > 1:
+        """Standard deviation of the size of an object whose surface has no other error."""
+        if self.phantom is not None or not self._is_homogeneous:
             return {}
         return {"size": self._surface_mm / self.scene.radius_mm}
+
+    @property
+    def _is_homogeneous(self) -> bool:
+        """Whether the object has one material and no shape of a hole."""
+        return len(self.scene.materials) == 1 and NOTHING not in self._of_surfaces
+
+    @property
+    def _of_surfaces(self) -> list[Material]:
+        """Materials whose surfaces are uncertain; shapes of holes are one of them."""
+        shapes = self.scene.shapes if isinstance(self.scene, ShapesScene) else ()
+        holes = any(shape.material == NOTHING for shape in shapes)
+        return [*self.scene.materials, *([NOTHING] if holes else [])]
 
     @property
     def _surface_mm(self) -> float:
@@ -234,7 +247,7 @@ class StatedObject:
             scene, numbers = self._errors_of_phantom()
             per_mm = np.float32(self.mu_water_per_mm / 1000)
             return tuple(numbers), per_mm * _lengths(scene, geometry, samples, pose)
-        if len(self.scene.materials) > 1:  # density and size of a single material are those of the alignment
+        if not self._is_homogeneous:  # whose density and size are those of the alignment
             return self._of_materials(geometry, samples, pose)
         return (), np.zeros((0, *geometry.shape), np.float32)
 
@@ -245,10 +258,10 @@ class StatedObject:
         scene, uncertainty = self.scene, self.uncertainty
         names, mu = list(map(str, scene.materials)), scene.attenuation_per_mm[:, None, None, None].astype(np.float32)
         densities = [Nuisance(DENSITY + name, "1", 0.0, uncertainty.density_of(name)) for name in names]
-        surfaces = [Nuisance(SURFACE + name, "mm", 0.0, self._surface_mm) for name in names]
+        surfaces = [Nuisance(f"{SURFACE}{of}", "mm", 0.0, self._surface_mm) for of in self._of_surfaces]
         lengths = _lengths(scene, geometry, samples, pose)
         if isinstance(scene, ShapesScene):
-            grown = (scene.grown(material, STEP_MM) for material in scene.materials)
+            grown = (scene.grown(material, STEP_MM) for material in self._of_surfaces)
             steps = [(_lengths(other, geometry, samples, pose) - lengths) / STEP_MM for other in grown]
             growth = np.stack([(mu * step).sum(axis=0) for step in steps])
         else:
@@ -324,8 +337,8 @@ def words_of(name: str, error: float) -> str:
     if name.startswith(HU):
         return f"voxels near {name.removeprefix(HU)} HU that are {abs(error):.2g} HU {denser} than stated"
     if name.startswith(SURFACE):
-        larger = "larger" if error > 0 else "smaller"
-        return f"{name.removeprefix(SURFACE)} with a surface that is {abs(error):.2g} mm {larger} than stated"
+        larger, of = "larger" if error > 0 else "smaller", name.removeprefix(SURFACE)
+        return f"{'holes' if of == NOTHING else of} with a surface that is {abs(error):.2g} mm {larger} than stated"
     return f"{name.removeprefix(DENSITY)} that is {100 * abs(error):.2g} % {denser} than stated"
 
 
