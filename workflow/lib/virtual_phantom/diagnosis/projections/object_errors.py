@@ -34,7 +34,8 @@ STEP_MM = 0.05  # growth of shapes for derivatives
 NODES_HU = (-1000, -700, -300, -100, -50, 0, 25, 50, 75, 100, 150, 250, 500, 1000, 2000)
 DENSE_HU = 150  # from here on the relative error of the density adds to the error in HU
 EMPTY_HU = -500  # below it is air; the surface of the body is halfway between soft tissue and air
-# Parts of a phantom whose surfaces move on their own: the largest ones of air and of dense voxels, and all others.
+CONTRAST_HU = 40  # of parts within the body, from its median
+# Parts of a phantom whose surfaces move on their own: the two largest ones of each kind, and all others together.
 MOST_PARTS_OF_KIND, SURFACE_REACH = 3, 2  # voxels from a part, in which edges belong to it
 # Changes of the line integrals of voxels, from one scene to another, and their amplitude, mean and standard deviation.
 # - edge_blur: by a blur of sharp edges with a variance of half a squared voxel.
@@ -286,7 +287,7 @@ class StatedObject:
 def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> dict[str, np.ndarray]:
     """Return the change of a phantom if the surface of a part grows, HU/mm, by name of the part.
 
-    Parts are the body, air within it, and dense voxels. Edges of other voxels are left to the errors of HU.
+    Parts are the body, air within it, and parts of another density. Other edges are left to the errors of HU.
     """
     axes = [axis for axis in range(3) if hu.shape[axis] > 1]
     slopes = np.gradient(np.maximum(hu, HU_AIR), *(spacing_mm[axis] for axis in axes), axis=axes)
@@ -295,7 +296,14 @@ def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> d
     border = np.concatenate([np.take(empty, end, axis).ravel() for axis in (1, 2) for end in (0, -1)])
     outside = np.isin(empty, np.setdiff1d(border, 0))
     parts, found = [("body", ~outside, 1)], {}
-    for kind, voxels, sign in (("air inside", (empty > 0) & ~outside, -1), ("dense part", hu > DENSE_HU, 1)):
+    tissue = ~ndimage.binary_dilation(empty > 0, iterations=SURFACE_REACH)
+    middle = float(np.median(hu[tissue])) if tissue.any() else 0.0
+    inside = {
+        "air inside": ((empty > 0) & ~outside, -1),
+        "dense part": (ndimage.binary_opening(tissue & (hu > middle + CONTRAST_HU)), 1),
+        "light part": (ndimage.binary_opening(tissue & (hu < middle - CONTRAST_HU)), -1),
+    }
+    for kind, (voxels, sign) in inside.items():
         labels, count = ndimage.label(voxels)
         largest = np.argsort(-np.bincount(labels.ravel())[1:])[: MOST_PARTS_OF_KIND - 1] + 1
         parts += [(f"{kind} {rank}", labels == one, sign) for rank, one in enumerate(largest, 1)]
