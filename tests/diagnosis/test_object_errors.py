@@ -80,6 +80,10 @@ def test_the_change_by_a_density_is_the_line_integral_of_its_material():
     water, teflon = (attenuation_per_mm(material, [60.0])[0] for material in ("water", TEFLON))
     assert through[:2] == pytest.approx([water * 140, teflon * 40], rel=1e-3)
     assert through[2:] == pytest.approx([2 * water, 2 * (teflon - water)], rel=1e-2)
+    scene = ShapesScene([cylinder("water", (0, 0, 0), 90), cylinder("nothing", (50, 0, 0), 20)])
+    errors = StatedObject(scene, ObjectUncertainty(), MU_WATER).errors(GEOMETRY, 1)
+    assert errors.names == ("density_of_water", "surface_of_water", "surface_of_nothing")
+    assert errors.changes[1:, 6, :, 20].mean(axis=1) == pytest.approx([2 * water, -2 * water], rel=1e-2)
 
 
 def test_surfaces_of_shapes_and_of_voxels_grow_alike():

@@ -18,9 +18,10 @@ from ...base.lru_cache import LRUCache
 from ...base.pose import IN_PLACE, Pose
 from ...base.units import HU_AIR
 from ...io.volumes import Volume, read_nifti
+from ...physics.beam.materials import Material
 from ...physics.scenes.sampling import average_rays, supersampled
 from ...physics.scenes.scene import GridScene, Scene, VoxelScene
-from ...physics.scenes.shapes import ShapesScene
+from ...physics.scenes.shapes import NOTHING, ShapesScene
 from ..fitting.nuisance import Nuisance
 from ..noise.condensed import Observed
 from ..request import DiagnosisRequest
@@ -33,7 +34,8 @@ STEP_MM = 0.05  # growth of shapes for derivatives
 NODES_HU = (-1000, -700, -300, -100, -50, 0, 25, 50, 75, 100, 150, 250, 500, 1000, 2000)
 DENSE_HU = 150  # from here on the relative error of the density adds to the error in HU
 EMPTY_HU = -500  # below it is air; the surface of the body is halfway between soft tissue and air
-# Parts of a phantom whose surfaces move on their own: the largest ones of air and of dense voxels, and all others.
+CONTRAST_HU = 40  # of parts within the body, from its median
+# Parts of a phantom whose surfaces move on their own: the two largest ones of each kind, and all others together.
 MOST_PARTS_OF_KIND, SURFACE_REACH = 3, 2  # voxels from a part, in which edges belong to it
 # Changes of the line integrals of voxels, from one scene to another, and their amplitude, mean and standard deviation.
 # - edge_blur: by a blur of sharp edges with a variance of half a squared voxel.
@@ -204,10 +206,26 @@ class StatedObject:
 
     @property
     def alignment(self) -> dict[str, float]:
-        """Standard deviation of the size of an object of one material, whose surface has no other error."""
-        if self.phantom is not None or len(self.scene.materials) > 1:
+        """Standard deviation of the size of a homogeneous object, and of a phantom in HU.
+
+        Changes by surfaces are linear. For a surface of a phantom that is wrong by 0.28 pixels, they leave a difference
+        like that of a wrong source distance (log score 17), unless the size is uncertain, too (0.4).
+        """
+        if self.phantom is None and not self._is_homogeneous:
             return {}
         return {"size": self._surface_mm / self.scene.radius_mm}
+
+    @property
+    def _is_homogeneous(self) -> bool:
+        """Whether the object has one material and no shape of a hole."""
+        return len(self.scene.materials) == 1 and NOTHING not in self._of_surfaces
+
+    @property
+    def _of_surfaces(self) -> list[Material]:
+        """Materials whose surfaces are uncertain; shapes of holes are one of them."""
+        shapes = self.scene.shapes if isinstance(self.scene, ShapesScene) else ()
+        holes = any(shape.material == NOTHING for shape in shapes)
+        return [*self.scene.materials, *([NOTHING] if holes else [])]
 
     @property
     def _surface_mm(self) -> float:
@@ -234,7 +252,7 @@ class StatedObject:
             scene, numbers = self._errors_of_phantom()
             per_mm = np.float32(self.mu_water_per_mm / 1000)
             return tuple(numbers), per_mm * _lengths(scene, geometry, samples, pose)
-        if len(self.scene.materials) > 1:  # density and size of a single material are those of the alignment
+        if not self._is_homogeneous:  # whose density and size are those of the alignment
             return self._of_materials(geometry, samples, pose)
         return (), np.zeros((0, *geometry.shape), np.float32)
 
@@ -245,10 +263,10 @@ class StatedObject:
         scene, uncertainty = self.scene, self.uncertainty
         names, mu = list(map(str, scene.materials)), scene.attenuation_per_mm[:, None, None, None].astype(np.float32)
         densities = [Nuisance(DENSITY + name, "1", 0.0, uncertainty.density_of(name)) for name in names]
-        surfaces = [Nuisance(SURFACE + name, "mm", 0.0, self._surface_mm) for name in names]
+        surfaces = [Nuisance(f"{SURFACE}{of}", "mm", 0.0, self._surface_mm) for of in self._of_surfaces]
         lengths = _lengths(scene, geometry, samples, pose)
         if isinstance(scene, ShapesScene):
-            grown = (scene.grown(material, STEP_MM) for material in scene.materials)
+            grown = (scene.grown(material, STEP_MM) for material in self._of_surfaces)
             steps = [(_lengths(other, geometry, samples, pose) - lengths) / STEP_MM for other in grown]
             growth = np.stack([(mu * step).sum(axis=0) for step in steps])
         else:
@@ -273,7 +291,7 @@ class StatedObject:
 def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> dict[str, np.ndarray]:
     """Return the change of a phantom if the surface of a part grows, HU/mm, by name of the part.
 
-    Parts are the body, air within it, and dense voxels. Edges of other voxels are left to the errors of HU.
+    Parts are the body, air within it, and parts of another density. Other edges are left to the errors of HU.
     """
     axes = [axis for axis in range(3) if hu.shape[axis] > 1]
     slopes = np.gradient(np.maximum(hu, HU_AIR), *(spacing_mm[axis] for axis in axes), axis=axes)
@@ -282,7 +300,14 @@ def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> d
     border = np.concatenate([np.take(empty, end, axis).ravel() for axis in (1, 2) for end in (0, -1)])
     outside = np.isin(empty, np.setdiff1d(border, 0))
     parts, found = [("body", ~outside, 1)], {}
-    for kind, voxels, sign in (("air inside", (empty > 0) & ~outside, -1), ("dense part", hu > DENSE_HU, 1)):
+    tissue = ~ndimage.binary_dilation(empty > 0, iterations=SURFACE_REACH)
+    middle = float(np.median(hu[tissue])) if tissue.any() else 0.0
+    inside = {
+        "air inside": ((empty > 0) & ~outside, -1),
+        "dense part": (ndimage.binary_opening(tissue & (hu > middle + CONTRAST_HU)), 1),
+        "light part": (ndimage.binary_opening(tissue & (hu < middle - CONTRAST_HU)), -1),
+    }
+    for kind, (voxels, sign) in inside.items():
         labels, count = ndimage.label(voxels)
         largest = np.argsort(-np.bincount(labels.ravel())[1:])[: MOST_PARTS_OF_KIND - 1] + 1
         parts += [(f"{kind} {rank}", labels == one, sign) for rank, one in enumerate(largest, 1)]
@@ -324,8 +349,8 @@ def words_of(name: str, error: float) -> str:
     if name.startswith(HU):
         return f"voxels near {name.removeprefix(HU)} HU that are {abs(error):.2g} HU {denser} than stated"
     if name.startswith(SURFACE):
-        larger = "larger" if error > 0 else "smaller"
-        return f"{name.removeprefix(SURFACE)} with a surface that is {abs(error):.2g} mm {larger} than stated"
+        larger, of = "larger" if error > 0 else "smaller", name.removeprefix(SURFACE)
+        return f"{'holes' if of == NOTHING else of} with a surface that is {abs(error):.2g} mm {larger} than stated"
     return f"{name.removeprefix(DENSITY)} that is {100 * abs(error):.2g} % {denser} than stated"
 
 
