@@ -18,7 +18,6 @@ from virtual_phantom.physics.scenes.shapes import ShapesScene
 from virtual_phantom.proof.hiding import gvirtualxray, suite
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.generate import ENERGY_OF_WATER, acquire, scan_of
-from virtual_phantom.proof.hiding.gvirtualxray import attenuation_of as gvxr_attenuation_of
 from virtual_phantom.proof.hiding.gvirtualxray import energy_of_water, lagging, scattered
 from virtual_phantom.proof.hiding.hidden_effect import READOUT_KEV
 from virtual_phantom.proof.hiding.imperfections import SMALL
@@ -123,11 +122,24 @@ def test_undeclared_deviations_of_the_largest_body_are_irrelevant(tmp_path):
         assert 0 < change < 1, name
 
 
+def test_noise_of_gvirtualxray_is_that_of_photons_and_electronics(monkeypatch):
+    """Readings are energies: a hundredth of 1e5 photons of 70 keV, and electronic noise of 100 photons."""
+    scan = scan_of(orbit_of("flat", SCANNED, PROTOCOL, PROTOCOL, 0.0), 1e5, 1000.0, 70.0, {"electronic_photons": 100.0})
+    shape = scan.views, scan.rows, scan.columns, 1
+    monkeypatch.setattr(gvirtualxray, "_transmission", lambda *given: np.full(shape, 0.01))
+    taken = gvirtualxray._simulate(scan, SCANNED, MU_WATER, 40, branch(1, 8))
+    fluence = taken.air / taken.air[:, scan.columns // 2].mean()
+    assert (taken.readings / 70).mean() == pytest.approx(1e3 * fluence.mean(), rel=0.01)
+    assert (taken.readings / 70).var(axis=0, ddof=1).mean() == pytest.approx(100.0**2 + 1e3 * fluence.mean(), rel=0.02)
+
+
 def test_stated_materials_attenuate_as_the_librarys():
     """A material of the library is stated by its name alone."""
     kev = energy_of_water(MU_WATER)
     for name in IN_LIBRARY:
-        assert attenuation_per_mm(name, [kev])[0] == pytest.approx(gvxr_attenuation_of(kev)(name), rel=1e-3), name
+        assert attenuation_per_mm(name, [kev])[0] == pytest.approx(gvirtualxray.attenuation_of(kev)(name), rel=1e-3), (
+            name
+        )
 
 
 def test_missing_simulator_is_one_line(monkeypatch):

@@ -53,11 +53,14 @@ def test_all_outputs_exist_and_are_scored(proof):
 def test_suite_for_other_programs_is_described(proof):
     """A request for the diagnosis can be made of it, and it names no hidden effect."""
     suite = json.loads((proof / "proof" / "suite.json").read_text())
-    given = suite["cases"]["case_01"]
-    request = DiagnosisRequest.of(from_mapping(FitSettings, given["model"]), given["object"]["phantom"], 1)
-    assert (Path(request.folder) / "recording.yaml").exists() and Path(request.phantom).exists()
-    assert "scatter" in given["effects"] and suite["effects"]["electronic_noise"] == {"photons": "photons"}
-    assert given.keys() == {"recording", "object", "model", "effects"}
+    for given in suite["cases"].values():
+        request = DiagnosisRequest.of(from_mapping(FitSettings, given["model"]), given["object"].get("phantom"), 1)
+        assert (Path(request.folder) / "recording.yaml").exists()
+        assert all(Path(path).exists() for path in given["object"].values())
+        assert request.phantom or request.settings.disc or request.settings.object
+        assert "scatter" in given["effects"] or given["model"].get("protocol")
+        assert given.keys() == {"recording", "object", "model", "effects"}
+    assert suite["effects"]["electronic_noise"] == {"photons": "photons"}
 
 
 def test_suite_is_scored_as_the_diagnosis(proof):

@@ -38,8 +38,9 @@ from .xcist import (
     Scan,
 )
 
-# Rays per pixel along columns and rows. Edges of rods along z need many along the columns.
+# Most rays per pixel along columns and rows. Edges of rods along z need many along the columns.
 DIVIDED = (16, 2)
+MOST_RAYS = 2048  # in a row of an image, the limit of gVirtualXray with Mesa
 SCINTILLATOR_MM, SCINTILLATOR = 0.6, (4.51, {55: 0.5115, 53: 0.4885})  # caesium iodide: g/cm3, mass fractions
 TUNGSTEN = 74
 SCATTER_PER_SCALE = 0.02  # scattered over primary signal times its line integral at a scale of 1
@@ -228,8 +229,9 @@ def _transmission(scan: Scan, scanned: ScannedObject, mu_water_per_mm: float, en
             gvxr.setDensity(name, density, "g/cm3")
             gvxr.addPolygonMeshAsInnerSurface(name)
         gvxr.usePointSource()
-        gvxr.setDetectorNumberOfPixels(scan.columns * DIVIDED[0], scan.rows * DIVIDED[1])
-        gvxr.setDetectorPixelSize(scan.column_pitch_mm / DIVIDED[0], scan.row_pitch_mm / DIVIDED[1], "mm")
+        columns, rows = _divided(scan)
+        gvxr.setDetectorNumberOfPixels(scan.columns * columns, scan.rows * rows)
+        gvxr.setDetectorPixelSize(scan.column_pitch_mm / columns, scan.row_pitch_mm / rows, "mm")
         found = np.zeros((scan.views, scan.rows, scan.columns, len(energies)))
         for number, energy in enumerate(energies):
             gvxr.setMonoChromatic(float(energy), "keV", 1)
@@ -246,13 +248,18 @@ def _transmission(scan: Scan, scanned: ScannedObject, mu_water_per_mm: float, en
     return found
 
 
+def _divided(scan: Scan) -> tuple[int, int]:
+    """Return the rays per pixel along columns and rows."""
+    return max(1, min(DIVIDED[0], MOST_RAYS // scan.columns)), DIVIDED[1]
+
+
 def _cells(image: np.ndarray, scan: Scan) -> np.ndarray:
     """Average an image on divided pixels over each pixel, shape (rows, columns)."""
+    columns, rows = _divided(scan)
     if shift := scan.settings.get("tile_px", 0.0):
         ends = scan.settings["tile_from"], scan.settings["tile_to"]
-        image = displaced_tile(image.T, *ends, shift * DIVIDED[0]).T
-    shape = scan.rows, DIVIDED[1], scan.columns, DIVIDED[0]
-    return image.reshape(shape).mean(axis=(1, 3))
+        image = displaced_tile(image.T, *ends, shift * columns).T
+    return image.reshape(scan.rows, rows, scan.columns, columns).mean(axis=(1, 3))
 
 
 def _rays(scan: Scan, view: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
