@@ -130,6 +130,7 @@ FOUND = {
     "ruled_out": {},
     "fit": {},
     "held_out": {},
+    "excess_removed": 0.875,
     "excess_rms_removed": 0.875,
     "remainder_sd": 0.5,
     "unexplained": [],
