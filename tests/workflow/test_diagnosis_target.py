@@ -53,7 +53,7 @@ def bench(tmp_path_factory):
 
 
 def diagnosis(folder, *arguments, target="diagnosis", **settings):
-    diagnosed = {"samples": 1, "effects": EFFECTS}
+    diagnosed = {"samples": 1, "effects": EFFECTS, "object_exact": True}
     overlay = {
         **STUDY,
         "recordings": {"bench": str(folder / "bench")},
@@ -196,8 +196,8 @@ def diagnosis_of_more(bench, target, second=QUICK):
         "recordings": {name: str(bench / "bench") for name in ("again", *OF_SCANNER)},
         "diagnosis": {
             "recordings": {
-                "bench": {"samples": 1, "effects": EFFECTS},
-                "again": {"samples": 1, "effects": EFFECTS, "baseline_from": "bench", "check_setup": False},
+                "bench": {"samples": 1, "effects": EFFECTS, "object_exact": True},
+                "again": {"samples": 1, "effects": EFFECTS, "object_exact": True, "baseline_from": "bench", "check_setup": False},
                 "second": second,
                 "third": QUICK,
             },
