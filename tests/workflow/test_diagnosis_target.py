@@ -21,6 +21,7 @@ from virtual_phantom.study.progress.status import duration_range
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
 OF_SCANNER = ["bench", "second", "third"]
 EFFECTS = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]
+BENCH = {"effects": EFFECTS, "object_exact": True}
 # The scanned object is the phantom of the study itself. The set-up is checked for bench.
 QUICK = {"samples": 1, "effects": ["scatter"], "view_step": 3, "check_setup": False, "object_exact": True}
 VIEWS, ROWS, COLUMNS = 60, 12, 68
@@ -53,7 +54,7 @@ def bench(tmp_path_factory):
 
 
 def diagnosis(folder, *arguments, target="diagnosis", **settings):
-    diagnosed = {"samples": 1, "effects": EFFECTS, "object_exact": True}
+    diagnosed = {"samples": 1, **BENCH}
     overlay = {
         **STUDY,
         "recordings": {"bench": str(folder / "bench")},
@@ -137,7 +138,7 @@ def twin(bench, *arguments, of="bench"):
     overlay = {
         **STUDY,
         "recordings": {of: str(bench / of)},
-        "diagnosis": {"recordings": {of: {"samples": 1, **({"effects": EFFECTS} if of == "bench" else {})}}},
+        "diagnosis": {"recordings": {of: {"samples": 1, **(BENCH if of == "bench" else {})}}},
         "physics": {"from": of},
         "protocols": {
             **{f"{kind}_{views}": None for kind in ("sirt", "fbp") for views in (150, 200, 250, 300, 450)},
@@ -196,8 +197,8 @@ def diagnosis_of_more(bench, target, second=QUICK):
         "recordings": {name: str(bench / "bench") for name in ("again", *OF_SCANNER)},
         "diagnosis": {
             "recordings": {
-                "bench": {"samples": 1, "effects": EFFECTS, "object_exact": True},
-                "again": {"samples": 1, "effects": EFFECTS, "object_exact": True, "baseline_from": "bench", "check_setup": False},
+                "bench": {"samples": 1, **BENCH},
+                "again": {"samples": 1, **BENCH, "baseline_from": "bench", "check_setup": False},
                 "second": second,
                 "third": QUICK,
             },

@@ -183,7 +183,8 @@ def image_protocol(orbit: Orbit, rotation_ms: float) -> ImageProtocol:
     detector = {name: getattr(orbit, name) for name in DETECTOR}
     circle = {"trajectory": "circular", "turns": 1.0, "rotation_time_ms": rotation_ms}
     scan = from_mapping(ScanSettings, defaults_of("scan") | circle | detector)
-    grid = from_mapping(GridSettings, {**vars(image_grid(orbit)), "oversampling": 1})
+    images = image_grid(orbit)
+    grid = GridSettings(images.shape, images.spacing, oversampling=1)
     settings = FbpSettings(normalise="coverage")
     return ImageProtocol(scan, grid, projections=orbit.views, algorithm="fbp", settings=settings, engine="cpu")
 
