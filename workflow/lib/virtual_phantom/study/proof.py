@@ -38,7 +38,6 @@ STATED_FILES = {
     LABELS: {"labels": "labels.nii.gz"},
     DISC: {},
 }
-DISC_SIZE_SD = 0.01  # relative, as in the example of docs/how-to/diagnosis.md
 SURFACE_SD_MM = 0.2  # tolerance of stated objects: about the RMS of the errors that imperfections.SHAPE_MM allows
 
 
@@ -191,12 +190,8 @@ def image_protocol(orbit: Orbit, rotation_ms: float) -> ImageProtocol:
 
 def _diagnosed(taken: ProofProtocol, **described) -> RecordingSettings:
     """Return the settings of the diagnosis of a scan, of a user who states tolerances but no rays and views."""
-    # Without `size`, the diameter of a disc is exact.
-    alignment = {"size": DISC_SIZE_SD} if "disc" in described else {}
     uncertain = ObjectUncertainty(surface_mm=SURFACE_SD_MM)
-    return RecordingSettings(
-        None, None, alignment, nominal_photons=taken.photons, object_uncertainty=uncertain, **described
-    )
+    return RecordingSettings(None, None, {}, nominal_photons=taken.photons, object_uncertainty=uncertain, **described)
 
 
 def _parts(section: Mapping, *keys: str) -> dict:
