@@ -65,12 +65,14 @@ def test_only_compiled_code_with_a_correct_checksum_is_unpickled():
     assert returned == {"return None", "return payload if checksum == CHECKSUM(key + payload).digest() else None"}
 
 
-def test_only_s5cmd_is_started_with_a_list_of_arguments():
-    (path,) = [path for path in SOURCES if path.as_posix().endswith(STARTS_A_PROGRAM)]
+@pytest.mark.parametrize("end, program", zip(STARTS_A_PROGRAM, ("run", "'git'"), strict=True))
+def test_programs_are_started_with_a_list_of_arguments(end, program):
+    (path,) = [path for path in SOURCES if path.as_posix().endswith(end)]
     calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
     (started,) = [call for call in calls if name_of(call.func).startswith("subprocess.")]
     assert name_of(started.func) == "subprocess.run" and isinstance(started.args[0], ast.List)
-    assert fetch.PROGRAM == "s5cmd" and ast.unparse(started.args[0].elts[0]) == "run"
+    assert ast.unparse(started.args[0].elts[0]) == program
+    assert fetch.PROGRAM == "s5cmd"
 
 
 @pytest.mark.parametrize("path", RULES, ids=lambda path: path.name)
