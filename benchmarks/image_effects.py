@@ -29,6 +29,7 @@ from virtual_phantom.physics.scenes.objects import read_object
 from virtual_phantom.physics.scenes.shapes import ShapesScene
 from virtual_phantom.physics.state import AIR
 from virtual_phantom.proof.hiding.xcist import Materials, Scan, attenuation_per_mm, simulate
+from virtual_phantom.proof.scoring.verdicts import named_groups
 from virtual_phantom.reconstruction.images import reconstruct_hu
 
 ONE_THREAD = True
@@ -137,7 +138,7 @@ def by_xcist(name, random):
     """Noisy line integrals of voxels by XCIST, shape (slices, views, columns)."""
     water = attenuation_per_mm("water", KEV)
     scanned = Materials({"water": (voxels(name) / WATER)[None].astype(np.float32)}, (VOXEL_MM, 10 * MM))
-    scan = Scan(VIEWS, COLUMNS, 1, MM, MM, FAR_MM, FAR_MM + 1, KEV, PHOTONS)
+    scan = Scan(VIEWS, COLUMNS, 1, MM, MM, FAR_MM, FAR_MM + 1, kev=KEV, photons=PHOTONS)
     taken = simulate(scan, scanned, SLICES, np.random.SeedSequence(int(random.integers(2**31))))
     lines = -np.log(np.maximum(taken.readings, 1e-6) / taken.air)[:, :, 0]
     return lines[:, -np.arange(VIEWS)] * WATER / water  # XCIST rotates in the other direction
@@ -243,8 +244,7 @@ def diagnosed(case):
     prepared = prepare(images, None, *chains, reconstruct, grid.spacing, valid, random, **options)
     chosen = choose(prepared.fitter, trial(prepared.fitter, ()), wanted)
     content = diagnose(kind, prepared, chosen).content
-    named = [one["name"] for one in content["effects"]]
-    groups = [{one, *content["ambiguous_with"].get(one, ())} for one in named]
+    named, groups = [one["name"] for one in content["effects"]], named_groups(content)
     truths = [EFFECT.get(one, one) for one in kind.split("+")]
     shares = [max((1 / len(group) for group in groups if truth in group), default=0) for truth in truths]
     if len(truths) == 1:  # the first effect counts

@@ -8,7 +8,6 @@ rays per pixel, with one energy and no effect. Options::
     --beside   repeats each diagnosis with Virtual Phantom's own simulation of the slice
 """
 
-import json
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,6 +16,7 @@ import h5py
 import numpy as np
 
 import virtual_phantom as vp
+from benchmarks import common
 from benchmarks.common.tuning_objects import OBJECTS, acquire, build, materials, scan_of
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid
@@ -27,6 +27,7 @@ from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.generate import write
 from virtual_phantom.proof.hiding.voxels import BEYOND_MM, REACH
 from virtual_phantom.proof.hiding.xcist import CELLS_DIVIDED, energy_of_water
+from virtual_phantom.proof.scoring.verdicts import named_groups
 
 COLUMNS, ROWS, VIEWS, PHOTONS, REPEATS, ROTATION_MS, RAYS = 64, 4, 96, 1e5, 4, 1000, 32
 MU_WATER = defaults_of()["mu_water_per_mm"]
@@ -175,14 +176,13 @@ def diagnosed(number, name, strength, options, done):
 
 def named_first(name, content):
     """1, or 1/k if the hidden effect is one of k that are named first as equal; otherwise 0."""
-    first = [effect["name"] for effect in content["effects"][:1]]
-    group = {*first, *(other for effect in first for other in content["ambiguous_with"].get(effect, ()))}
+    group, *_ = named_groups(content) or [()]
     return 1 / len(group) if name in group else 0.0
 
 
 def run(options):
     output, begin = Path(options.output) if options.output else None, time.monotonic()
-    found = [json.loads(line) for line in output.read_text().splitlines()] if output and output.exists() else []
+    found = common.read_jsonl(output) if output else []
     done = {(one["number"], one["simulation"]) for one in found}
     for number, (name, strength) in enumerate(cases(options.effects, options.none)):
         if time.monotonic() - begin > 60 * options.minutes:
@@ -195,8 +195,7 @@ def run(options):
                 flush=True,
             )
             if output:
-                with output.open("a") as file:
-                    file.write(json.dumps(one) + "\n")
+                common.append_jsonl(output, one)
     for simulation in dict.fromkeys(one["simulation"] for one in found):
         of = [one for one in found if one["simulation"] == simulation]
         with_effect, without = ([one for one in of if bool(one["hidden"]) is has] for has in (True, False))

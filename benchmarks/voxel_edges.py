@@ -1,6 +1,6 @@
-"""Diagnose scans of sharp-edged bodies that are told as voxels of up to twice the width of a pixel (20 minutes of CPU).
+"""Diagnose scans of sharp-edged bodies, described by voxels of up to twice the width of a pixel (20 minutes of CPU).
 
-The scanned bodies are of shapes with exact path lengths. They are told as labels, shares of voxels, or HU. Widths are
+The scanned bodies are of shapes with exact path lengths. The diagnosis gets labels, shares of voxels, or HU. Widths are
 in pixels at the isocenter. Finished cases of the output file are not repeated. Development seeds were 101 and 102.
 """
 
@@ -57,7 +57,7 @@ def body(random):
 
 
 def told(shapes, width, form, random, folder):
-    """Scene of voxels at a random position of the grid, and what `prepare` needs beside it."""
+    """Scene of voxels at a random position of the grid, and the other arguments of `prepare`."""
     shape = tuple(int(np.ceil(extent / width)) + 1 for extent in EXTENT_MM)
     grid, shift = Grid(shape, (width,) * 3), random.uniform(-0.5, 0.5, 3) * width
     points = POINTS if form != "labels" else (1, 1, 1)

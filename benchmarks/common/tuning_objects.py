@@ -19,6 +19,7 @@ from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import Phantom, Roi, layout, synthetic
 from virtual_phantom.proof.hiding import generate
 from virtual_phantom.proof.hiding.faults import faulty
+from virtual_phantom.proof.hiding.materials import mixture
 from virtual_phantom.proof.hiding.orbits import Orbit
 from virtual_phantom.proof.hiding.readout import read_out
 from virtual_phantom.proof.hiding.voxels import BEYOND_MM, REACH
@@ -128,11 +129,10 @@ def materials(hu: Volume, scanned_object: Object, kev: float, mu_water_per_mm: f
     Voxels are square in the plane.
     """
     mu = np.maximum(mu_water_per_mm * (1 + hu.array.astype(np.float64) / 1000), 0)
-    soft_mu, dense_mu = (attenuation_per_mm(name, kev) for name in (scanned_object.soft, scanned_object.dense))
-    from_mu = mu_water_per_mm * (1 + scanned_object.dense_from_hu / 1000)
-    dense = np.clip(mu - from_mu, 0, None) / (dense_mu - from_mu)  # a mixture by volume, up to all bone
-    soft = (mu - dense * dense_mu) / soft_mu
-    fractions = {scanned_object.soft: soft, scanned_object.dense: dense}
+    names = scanned_object.soft, scanned_object.dense
+    start = mu_water_per_mm * (1 + scanned_object.dense_from_hu / 1000)
+    amounts = mixture(mu, start, *(attenuation_per_mm(name, kev) for name in names))
+    fractions = dict(zip(names, amounts, strict=True))
     for fraction in fractions.values():
         fraction[fraction < LEAST_FRACTION] = 0
     height, plane = hu.grid.spacing[:2]
@@ -142,7 +142,7 @@ def materials(hu: Volume, scanned_object: Object, kev: float, mu_water_per_mm: f
 def orbit_of(scanned_object: Object, columns: int, rows: int, views: int) -> Orbit:
     """Return a circle around a phantom, with a flat detector."""
     detector = scanned_object.detector(columns, rows)
-    return Orbit(views, turns=1.0, feed_mm=0.0, start_angle_deg=0.0, surface="flat", **detector)
+    return Orbit(views, **detector)
 
 
 def scan_of(

@@ -11,7 +11,7 @@ import yaml
 
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.figures import confusion, style
-from virtual_phantom.proof.hiding.catalogue import STRENGTHS
+from virtual_phantom.proof.hiding.hidden_effect import STRENGTHS
 from virtual_phantom.proof.scoring.confusion import NOT_IN_LIBRARY, NOTHING, NOTHING_FITS
 
 CASES = Path(__file__).with_name("proof_seed_16.yaml")

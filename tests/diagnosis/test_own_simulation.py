@@ -178,7 +178,7 @@ def phantom():
 def test_xcist_against_a_simulation_by_astra(tmp_path):
     fine, found = phantom(), {}
     kev = xcist.energy_of_water(MU_WATER)
-    orbit = Orbit(48, 1.0, 0.0, 0.0, "flat", 40, 4, 5.5, 5.5, 500.0, 900.0)
+    orbit = Orbit(48, 40, 4, 5.5, 5.5, 500.0, 900.0)
     scan = generate.scan_of(orbit, 1e5, 1000.0, kev, {})
     lines = project(fine, scan, MU_WATER)
     for name, hidden in {"nothing": {}, "scatter": {"scatter_scale": 4.0}}.items():

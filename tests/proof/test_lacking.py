@@ -25,7 +25,7 @@ PROTOCOL = ProofScan(36, 1e5, 1000.0, 4, columns=64, rows=6)
 
 
 def order(**settings):
-    return Scan(VIEWS, COLUMNS, 4, 2.0, 2.0, 500.0, 900.0, KEV, 1e5, settings=settings)
+    return Scan(VIEWS, COLUMNS, 4, 2.0, 2.0, 500.0, 900.0, kev=KEV, photons=1e5, settings=settings)
 
 
 @pytest.fixture

@@ -53,7 +53,7 @@ def test_line_integrals_of_random_rods_follow_the_geometry(simulator, geometry, 
     orbit = orbit_of(geometry, SCANNED, PROTOCOL, PROTOCOL, 30.0)
     kev = ENERGY_OF_WATER[simulator](MU_WATER)
     scan = scan_of(orbit, PROTOCOL.photons, 1000.0, kev, {})
-    taken = acquire(simulator, scan, orbit, SCANNED, EXACT, MU_WATER, 1, branch(1, 8))
+    taken = acquire(simulator, scan, SCANNED, EXACT, MU_WATER, 1, branch(1, 8))
     path = tmp_path / "object.yaml"
     path.write_text(yaml.safe_dump(described(SCANNED)))
     scene = ShapesScene(read_object(str(path)).shapes, kev)
@@ -77,7 +77,7 @@ def test_electronic_noise_of_gvirtualxray_is_in_noise_equivalent_quanta(monkeypa
     """Relative to the reading in air it is sigma / N; dark pixels have no other noise."""
     monkeypatch.setattr(gvirtualxray, "_transmission", lambda scan, *_: np.zeros((scan.views, scan.rows, 20, 1)))
     settings = {"electronic_photons": 2000.0, "kvp": 120.0, "aluminium_mm": 3.0}
-    scan = Scan(2, 20, 2, 1.0, 1.0, 541.0, 949.0, 70.0, 1e5, settings=settings)
+    scan = Scan(2, 20, 2, 1.0, 1.0, 541.0, 949.0, kev=70.0, photons=1e5, settings=settings)
     taken = gvirtualxray.simulate(scan, SCANNED, MU_WATER, 40, branch(1, 8))
     assert (taken.readings / taken.air).std() == pytest.approx(0.02, rel=4 * np.sqrt(0.5 / taken.readings.size))
 

@@ -50,7 +50,7 @@ SETTINGS = {
     "held_out_protocol": {"views": 60, "photons": 5e4, "rotation_time_ms": 500, "repeats": 4},
 }
 SETTINGS["images"]["tried"] = ["reconstruction_kernel", *SETTINGS["images"]["effects"]]
-ORBIT = Orbit(30, 1.0, 0.0, 0.0, "flat", 40, 4, 5.0, 5.0, 541.0, 949.0)
+ORBIT = Orbit(30, 40, 4, 5.0, 5.0, 541.0, 949.0)
 NIFTI_HEADER = 352  # bytes before the voxels
 IMAGES = {"single": 2, "pair": 3}
 LIBRARY = Path(seal.__file__).resolve().parents[1]

@@ -38,7 +38,7 @@ def main(
     for folder, protocol, orbit, seed in zip(folders, PROTOCOLS, orbits, seeds, strict=True):
         wanted = getattr(settings, protocol)
         scan = scan_of(orbit, wanted.photons, wanted.rotation_time_ms, kev, hidden)
-        taken = acquire(world.simulator, scan, orbit, stated, errors, mu_water_per_mm, wanted.repeats, seed)
+        taken = acquire(world.simulator, scan, stated, errors, mu_water_per_mm, wanted.repeats, seed)
         if world.kind == IMAGES:
             write_images(folder, case, image_grid(orbit), scan, taken, mu_water_per_mm)
         else:

@@ -431,6 +431,11 @@ class Rules:
                 "different values"
             )
 
+    @property
+    def _has_photons(self) -> bool:
+        """Whether the noise model has photons; a missing section has its own error."""
+        return self.config.get("noise", {"model": PHYSICAL})["model"] == PHYSICAL
+
     def _physics(self) -> Iterator[str]:
         """Check effects and parameters once for each different `physics`, because many protocols share it."""
         seen = []
@@ -440,7 +445,7 @@ class Rules:
                 continue
             seen.append(stated)
             where = f"config: protocols.{name}.physics"
-            if self.config.get("noise", {"model": PHYSICAL})["model"] != PHYSICAL:
+            if not self._has_photons:
                 yield f"{where} needs noise.model: {PHYSICAL}; the astra model has no photons"
                 continue
             if "from" in stated:
@@ -640,7 +645,7 @@ class Rules:
         scans |= {f"scans.{name}": scan for name, scan in self.config["scans"].items()}
         for name, scan in scans.items():
             # Counts of the astra model are relative to the largest line integral, not to the air of a pixel.
-            if scan.get("samples", 1) > 1 and self.config.get("noise", {"model": PHYSICAL})["model"] != PHYSICAL:
+            if scan.get("samples", 1) > 1 and not self._has_photons:
                 yield f"config: {name}.samples needs noise.model: {PHYSICAL}; the astra model has no photons"
             if scan.get("beam") == PARALLEL:
                 if scan.get("detector", FLAT) != FLAT or scan.get("flying_focal_spot"):

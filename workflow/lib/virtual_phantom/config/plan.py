@@ -9,15 +9,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
-from ..base.settings import ScanSettings, to_mapping
+from ..base.settings import ScanSettings, SirtSettings, to_mapping
 from ..features.variations import Variation, variations
 from ..statistics import MINIMUM_REPEATS
 from .settings import Analyses, Effects, Protocol, Study
 from .tissue_classes import tissue_classes
 
-# Keys of a scan that are newer than the saved scores. With these values they are not part of the hash of the settings.
-NEWER_KEYS = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None, "samples": 1}
-NO_TOLERANCE = 0  # value of reconstruction.sirt.tolerance_hu with which results are those before this key
+# Keys that are newer than the saved scores. With these values, which give the results before the keys, they are not
+# part of the hash of the settings.
+NEWER_KEYS = {
+    **{"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None, "samples": 1},
+    "tolerance_hu": 0,
+}
 
 Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of all realizations that one job computes
 
@@ -37,8 +40,8 @@ def without_physics(protocols: Mapping[str, Protocol]) -> dict[str, Protocol]:
     }
 
 
-def _without_newer_keys(scan: ScanSettings) -> dict:
-    return {key: value for key, value in to_mapping(scan).items() if NEWER_KEYS.get(key, ...) != value}
+def _without_newer_keys(section: ScanSettings | SirtSettings) -> dict:
+    return {key: value for key, value in to_mapping(section).items() if NEWER_KEYS.get(key, ...) != value}
 
 
 @dataclass(frozen=True)
@@ -278,11 +281,9 @@ class Plan:
         keys = ("phantom", "grid", "mu_water_per_mm", "materials", "reconstruction", "statistics", "noise")
         settings = {key: study[key] for key in keys}
         compared = self.compared_levels()
+        del settings["reconstruction"]["sirt"]
         if any(self.study.protocols[name].algorithm == "sirt" for name in self.groups()):
-            if settings["reconstruction"]["sirt"]["tolerance_hu"] == NO_TOLERANCE:
-                del settings["reconstruction"]["sirt"]["tolerance_hu"]
-        else:
-            del settings["reconstruction"]["sirt"]
+            settings["reconstruction"]["sirt"] = _without_newer_keys(self.study.reconstruction.sirt)
         used = [levels[noise] for noise in dict.fromkeys(compared.values())]
         settings["noise"]["level"] = used[0] if len(used) == 1 else {name: levels[compared[name]] for name in compared}
         settings["protocols"] = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 from ..base.errors import InputError
 from ..base.geometry import ImageProtocol
@@ -26,7 +25,7 @@ from ..proof.hiding.suite import (
     check_recordings,
     check_simulators,
     check_tried,
-    truths,
+    truth,
     worlds,
 )
 from ..recordings.scan import DETECTOR
@@ -135,11 +134,6 @@ class Proof:
         """Return the settings that the fits of a case's scan with the held-out protocol depend on."""
         return self._model(self.files("proof_held_out", case=case), case, "held_out_protocol")
 
-    @cached_property
-    def _stated(self) -> dict[str, dict]:
-        """{case: declared deviations}, the only part of the truths that the diagnosis gets."""
-        return {case: truth["imperfections"]["stated"] for case, truth in truths(self.settings).items()}
-
     def _candidates(self, kind: str, baseline: Mapping | None = None, helical: bool = False) -> list[str]:
         settings = _diagnosed(self.settings.scan, baseline=baseline or {})
         if kind == PROJECTIONS:
@@ -160,7 +154,8 @@ class Proof:
             described = {"object": LabelledObject(files["labels"], materials)}
         elif world.description != HU:
             described = {"object": ShapesObject(files["shapes"])}
-        return _diagnosed(getattr(self.settings, protocol), baseline=self._stated[case], **described)
+        declared = truth(case, self.settings)["imperfections"]["stated"]  # the diagnosis gets no other part of a truth
+        return _diagnosed(getattr(self.settings, protocol), baseline=declared, **described)
 
     def _model(self, folder: str, case: str, protocol: str) -> FitSettings:
         study, world, simulated = self.plan.study, self.worlds[case], None

@@ -51,8 +51,8 @@ class Model(ABC):
         an effect determines attenuation absolutely.
     declared : mapping of str to mapping of str to Statement, optional
         Known physics of the scanner, which is part of every model and fitted within its priors.
-    object_errors : projections.object_errors.ObjectErrors, optional
-        Errors of the stated object. They are nuisance parameters, too.
+    object_errors : projections.object_errors.ObjectErrors
+        Errors of the stated object, or none. They are nuisance parameters, too.
     """
 
     def __init__(
@@ -64,9 +64,10 @@ class Model(ABC):
         fixed: Mapping[str, Mapping[str, float]] | None = None,
         density: tuple[float, float] = (1.0, DENSITY_SD),
         declared: Mapping[str, Mapping[str, Statement]] | None = None,
-        object_errors: Any = None,
+        *,
+        object_errors: Any,
     ):
-        numbers = () if object_errors is None else (*object_errors.edge_numbers, *object_errors.numbers)
+        numbers = (*object_errors.edge_numbers, *object_errors.numbers)
         self.chain, self.base_nuisances, self.anode, self.tube_kvp = chain, (*nuisances, *numbers), anode, tube_kvp
         self.object_errors = object_errors
         self.fixed, self.density, self.declared = fixed or {}, density, declared or {}
@@ -197,20 +198,18 @@ class Model(ABC):
     @property
     def object_error_names(self) -> tuple[str, ...]:
         """Names of the nuisance parameters that are errors of the stated object."""
-        return () if self.object_errors is None else self.object_errors.names
+        return self.object_errors.names
 
     def with_exact_object(self) -> Model:
         """Return the model without errors of the stated object."""
-        found = copy.copy(self)
-        if self.object_errors is not None:
-            found.object_errors = self.object_errors.of_edges()
-            names = self.object_error_names
-            found.base_nuisances = tuple(number for number in self.base_nuisances if number.name not in names)
+        found, names = copy.copy(self), self.object_error_names
+        found.object_errors = self.object_errors.of_edges()
+        found.base_nuisances = tuple(number for number in self.base_nuisances if number.name not in names)
         return found
 
     def object_changes(self, data: Observed) -> np.ndarray:
         """Return the whitened changes of the mean per unit of `object_error_names`, shape (numbers, data)."""
-        return np.zeros((0, data.mean.size)) if self.object_errors is None else self.object_errors.whitened(data)
+        return self.object_errors.whitened(data)
 
     @property
     def source_angles_rad(self) -> np.ndarray | None:

@@ -19,6 +19,7 @@ from ..fitting.model import Model
 from ..fitting.nuisance import Nuisance, pose_of
 from ..fitting.unknown import Unknown
 from ..noise.condensed import Prediction
+from ..projections.object_errors import ObjectErrors
 from .observed import Condenser, ObservedImages
 
 REALIZATIONS = 7  # of noise, reconstructed together; the mean is reconstructed separately
@@ -50,9 +51,11 @@ class ImagesModel(Model):
         reconstruct: Callable[[np.ndarray], np.ndarray],
         spacing_mm: tuple[float, float, float],
         seed: Stream,
+        *,
+        object_errors: ObjectErrors | None = None,
         **settings,
     ):
-        super().__init__(chain, nuisances, **settings)
+        super().__init__(chain, nuisances, object_errors=object_errors or ObjectErrors(), **settings)
         self.reconstruct, self.spacing_mm, self._seed = reconstruct, spacing_mm, seed
         self.condenser: Condenser | None = None
         self.correction: np.ndarray | float = 0.0  # HU, of the error of finite pixels and voxels

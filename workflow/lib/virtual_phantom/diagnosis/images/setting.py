@@ -98,10 +98,8 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     """
     protocol, settings, scene = request.protocol, request.settings, scene_of(request)
     if settings.of_phantom:
-        of_slices, voxels = (
-            False,
-            ComparedVoxels.of_phantom(replace(recording.grid, centre_mm=(0.0, 0.0, 0.0)), protocol),
-        )
+        whole = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
+        of_slices, voxels = False, ComparedVoxels.of_phantom(whole, protocol)
     else:
         imaged = imaged_object(request, recording.grid)
         of_slices, voxels = imaged.prism, ComparedVoxels.of_object(imaged, recording.grid.spacing, request)

@@ -14,16 +14,8 @@ from ...io.schema import read_schema, validate
 from .measurement import DarkFrames
 from .ranking import MeasurementRanking, Pair, RankedMeasurement, settles
 
-KEPT = (
-    "name",
-    "kind",
-    "phantom",
-    "isocentre_mm",
-    "scan",
-    "corrected",
-    "not_checked",
-    "nominal",
-)  # of the existing recording
+# Keys of the existing recording that stay
+KEPT = ("name", "kind", "phantom", "isocentre_mm", "scan", "corrected", "not_checked", "nominal")
 OF_CURRENT = ("photons", "tube_current_ma", "mas", "dose_mgy")  # keys of `nominal` proportional to the tube current
 SETTINGS = (
     "disc",

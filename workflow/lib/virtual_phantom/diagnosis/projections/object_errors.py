@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 from scipy import ndimage
@@ -88,8 +89,8 @@ class Edges:
         """Return the changes of EDGES, shape (views, rows, columns)."""
 
         def make() -> dict[str, np.ndarray]:
-            lines = {scene: self._lines(scene, pose) for scene in self._scenes if scene != "variance"}
             ends = {name: EDGES[name][:2] for name in self.names}
+            lines = {scene: self._lines(scene, pose) for scene in dict.fromkeys(chain.from_iterable(ends.values()))}
             return {name: lines[end] - lines[start] for name, (start, end) in ends.items()}
 
         return self._kept.get(pose, make)

@@ -13,7 +13,7 @@ from ...diagnosis.residuals.residual_tests import ALPHA
 from ...diagnosis.verdict.verdict import VERDICTS
 from ...diagnosis.verdict_text import PRACTICAL
 from ...physics.effect import names
-from .catalogue import STRENGTHS
+from .hidden_effect import STRENGTHS
 from .truth import EQUATIONS
 
 CATEGORIES = ("single", "none", "pair", "unknown")
@@ -153,7 +153,7 @@ class Case:
 
     @property
     def all_credit(self) -> float:
-        """Score for all hidden effects: each in a group of its own, with the product of 1/k over these groups."""
+        """Score for all hidden effects: each in a separate group, with the product of 1/k over these groups."""
         chosen = (
             groups
             for groups in permutations(self.groups, len(self.hidden))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...physics.effect import names
-from .hidden_effect import IMAGE, MEAN, NOISE, READOUT_KEV, STRENGTHS, HiddenEffect, sign  # noqa: F401
+from .hidden_effect import IMAGE, MEAN, NOISE, READOUT_KEV, HiddenEffect, sign
 from .missing_effects import MISSING_EFFECTS
 
 XCIST, GVXR = SIMULATORS = ("xcist", "gvirtualxray")

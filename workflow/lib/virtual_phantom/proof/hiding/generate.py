@@ -35,15 +35,7 @@ ATTENUATION = {XCIST: xcist.attenuation_of, GVXR: gvirtualxray.attenuation_of}
 
 def scan_of(orbit: Orbit, photons: float, rotation_ms: float, kev: float, hidden: Mapping) -> Scan:
     """Return the scan on an orbit with the hidden settings."""
-    fields = {name: value for name, value in vars(orbit).items() if name in Scan.__dataclass_fields__}
-    return Scan(
-        **fields,
-        start_z_mm=orbit.start_z_mm,
-        kev=kev,
-        photons=photons,
-        rotation_ms=rotation_ms,
-        settings=dict(hidden),
-    )
+    return Scan(**vars(orbit), kev=kev, photons=photons, rotation_ms=rotation_ms, settings=dict(hidden))
 
 
 def hidden_settings(truth: Mapping) -> dict:
@@ -60,7 +52,6 @@ def hidden_settings(truth: Mapping) -> dict:
 def acquire(
     simulator: str,
     scan: Scan,
-    orbit: Orbit,
     stated: ScannedObject,
     imperfections: Mapping,
     mu_water_per_mm: float,
@@ -75,7 +66,7 @@ def acquire(
     attenuation = ATTENUATION[simulator](scan.kev)
     scanned = changed(imperfect(stated, imperfections, attenuation, mu_water_per_mm), scan.settings)
     if simulator == XCIST:
-        grid = grid_of(scanned, [orbit], SCANNED_PER_PIXEL)
+        grid = grid_of(scanned, [scan], SCANNED_PER_PIXEL)
         shares = fractions(scanned, grid, attenuation, mu_water_per_mm)
         voxel_mm = grid.spacing[2], grid.spacing[0]
         taken = xcist.simulate(scan, Materials(shares, voxel_mm, MATERIALS), repeats, noise)

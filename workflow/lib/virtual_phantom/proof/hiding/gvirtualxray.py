@@ -163,7 +163,7 @@ def scattered(mean: np.ndarray, air: np.ndarray, scan: Scan) -> np.ndarray:
     kernel = gap / (2 * np.pi) * (gap**2 + u**2 + v[:, None] ** 2) ** -1.5 * scan.column_pitch_mm * scan.row_pitch_mm
     total = mean.sum(axis=-1)
     source = total * np.log(np.maximum(air.sum(axis=-1) / np.maximum(total, 1e-9), 1))
-    # Per area of the beam: a narrow beam scatters in proportion to its height.
+    # Relative to what the detector sees of the kernel, so that the share does not depend on its height.
     wide = signal.fftconvolve(source, kernel[None], mode="same", axes=(1, 2)) / kernel.sum()
     share = mean.sum(axis=(1, 2), keepdims=True) / total.sum(axis=(1, 2))[:, None, None, None]
     return mean + SCATTER_PER_SCALE * scale * wide[..., None] * share

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 NUMBERS = {"H": 1, "C": 6, "N": 7, "O": 8, "F": 9, "Na": 11, "Mg": 12, "Al": 13, "P": 15, "S": 16, "Ca": 20, "Zn": 30}
 # Attenuation of a material per mm at the energy of the monochromatic beam.
 Attenuation = Callable[[str], float]
@@ -51,10 +53,14 @@ IN_LIBRARY = ("water", "pmma", "polyethylene", "aluminium", "bone")  # materials
 SOFT, DENSE, DENSE_FROM_HU = "water", "bone", 150.0  # tissues are water of another density, from here on with bone
 
 
+def mixture(mu, start: float, soft: float, dense: float):
+    """Return the volume fractions of two materials with attenuation mu: the dense one begins at `start`."""
+    amount = np.clip(mu - start, 0, None) / (dense - start)
+    return (mu - amount * dense) / soft, amount
+
+
 def tissue(hu: float, attenuation: Attenuation, mu_water_per_mm: float) -> dict[str, float]:
     """Return the volume fractions of SOFT and DENSE whose attenuation is that of a number of HU."""
     mu, start = (mu_water_per_mm * (1 + value / 1000) for value in (hu, DENSE_FROM_HU))
-    dense_mu = attenuation(DENSE)
-    dense = max(mu - start, 0.0) / (dense_mu - start)
-    amounts = {SOFT: max(mu - dense * dense_mu, 0.0) / attenuation(SOFT), DENSE: dense}
-    return {name: amount for name, amount in amounts.items() if amount > 0}
+    amounts = mixture(mu, start, attenuation(SOFT), attenuation(DENSE))
+    return {name: float(amount) for name, amount in zip((SOFT, DENSE), amounts, strict=True) if amount > 0}

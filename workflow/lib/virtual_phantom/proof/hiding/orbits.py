@@ -19,10 +19,14 @@ HELIX_TURNS, PITCH = 2.0, 0.8  # turns, and table feed per turn over the height 
 
 @dataclass(frozen=True)
 class Orbit:
-    """Geometry of one scan, in terms of a recording (base.geometry).
+    """Source and detector on a circle or a helix, in terms of a recording (base.geometry).
+
+    At angle 0 the source is at +y. Lengths are in mm.
 
     Attributes
     ----------
+    surface : {"flat", "cylindrical"}, optional
+        Shape of the detector; the axis of a cylinder passes through the source.
     turns : float
         Turns of all views together.
     feed_mm : float
@@ -30,17 +34,17 @@ class Orbit:
     """
 
     views: int
-    turns: float
-    feed_mm: float
-    start_angle_deg: float
-    surface: str
     columns: int
     rows: int
     column_pitch_mm: float
     row_pitch_mm: float
     source_to_isocentre_mm: float
     source_to_detector_mm: float
+    surface: str = FLAT
     column_offset_px: float = 0.0
+    turns: float = 1.0
+    feed_mm: float = 0.0
+    start_angle_deg: float = 0.0
 
     @property
     def views_per_rotation(self) -> float:

@@ -13,7 +13,8 @@ from ...base.errors import InputError
 from ...base.proof_settings import ProofSettings
 from ...base.streams import Stream, branch, generator
 from . import imperfections
-from .catalogue import CATALOGUE, DEFINED_OTHERWISE, GVXR, IMAGE, STRENGTHS, XCIST, equation, simulated_by
+from .catalogue import CATALOGUE, DEFINED_OTHERWISE, GVXR, XCIST, equation, simulated_by
+from .hidden_effect import IMAGE, STRENGTHS
 from .missing_effects import MISSING_EFFECTS
 from .objects import BODY, DESCRIPTIONS, DISC, KINDS, ScannedObject, drawn_object
 from .orbits import ARC, FULL, GEOMETRIES, Orbit, orbit_of
@@ -141,11 +142,14 @@ def check_tried(settings: ProofSettings) -> None:
 
 def truths(settings: ProofSettings) -> dict[str, dict]:
     """Return {case: truth}, as for seal.sealed, from the section `proof` of the configuration."""
-    known = worlds(settings)
-    return {
-        case: _truth(case, known[case], planned, settings)
-        for case, (_, planned) in zip(known, _ordered(settings), strict=True)
-    }
+    return {case: truth(case, settings) for case in cases(settings)}
+
+
+def truth(case: str, settings: ProofSettings) -> dict:
+    """Return the truth of one case."""
+    number = cases(settings).index(case)
+    kind, planned = _ordered(settings)[number]
+    return _truth(case, _world(number, kind, planned), planned, settings)
 
 
 def _ordered(settings: ProofSettings) -> list[tuple[str, Planned]]:

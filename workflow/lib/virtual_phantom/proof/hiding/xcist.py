@@ -30,6 +30,7 @@ from ...base.errors import InputError
 from ...base.streams import Stream
 from ...base.vectors import FLAT
 from .materials import MATERIALS, NUMBERS, Attenuation, Material
+from .orbits import Orbit
 
 CELLS_DIVIDED = 4  # subdivision of a detector cell per direction; transmissions are averaged
 HOOKS = "virtual_phantom.proof.hiding.hooks."
@@ -55,13 +56,11 @@ IDLE = {
 
 
 @dataclass(frozen=True)
-class Scan:
-    """A scan for a simulator: source and detector on a circle or a helix. At angle 0 the source is at +y.
+class Scan(Orbit):
+    """A scan for a simulator.
 
     Attributes
     ----------
-    column_pitch_mm, row_pitch_mm, source_to_isocentre_mm, source_to_detector_mm : float
-        As in ScanGeometry, mm.
     kev : float
         Energy of the monochromatic beam, keV; ignored if the settings contain `kvp`.
     photons : float
@@ -70,40 +69,12 @@ class Scan:
         Rotation time, ms.
     settings : dict
         {name: value} of the hidden effects: keys of IDLE, and keys that this module, `readout` and `generate` read.
-    surface : {"flat", "cylindrical"}, optional
-        Shape of the detector; the axis of a cylinder passes through the source.
-    column_offset_px : float, optional
-        As in ScanGeometry.
-    turns : float, optional
-        Turns of all views together.
-    feed_mm, start_z_mm : float, optional
-        Rise of the source per turn, and its height in the first view, mm.
-    start_angle_deg : float, optional
-        Angle of the first view, degrees.
     """
 
-    views: int
-    columns: int
-    rows: int
-    column_pitch_mm: float
-    row_pitch_mm: float
-    source_to_isocentre_mm: float
-    source_to_detector_mm: float
-    kev: float
-    photons: float
+    kev: float = field(kw_only=True)
+    photons: float = field(kw_only=True)
     rotation_ms: float = 1000.0
     settings: dict = field(default_factory=dict)
-    surface: str = FLAT
-    column_offset_px: float = 0.0
-    turns: float = 1.0
-    feed_mm: float = 0.0
-    start_z_mm: float = 0.0
-    start_angle_deg: float = 0.0
-
-    @property
-    def views_per_rotation(self) -> float:
-        """Views per turn."""
-        return self.views / self.turns
 
     @property
     def duration_s(self) -> float:

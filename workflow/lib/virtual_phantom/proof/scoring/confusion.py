@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from ..hiding.case import Case
-from ..hiding.catalogue import STRENGTHS
+from ..hiding.hidden_effect import STRENGTHS
 
 NOTHING = "nothing"  # row: nothing hidden; column: a match
 NOTHING_FITS = "no effect fits"  # column: a difference without a named effect

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from ..hiding.case import Case
-from ..hiding.catalogue import STRENGTHS
+from ..hiding.hidden_effect import STRENGTHS
 from . import parameters
 from .intervals import share
 from .rule import LEAST_IN_CLASS, RULE, VERSION

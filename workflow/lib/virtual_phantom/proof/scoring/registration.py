@@ -6,7 +6,6 @@ commit gives the same result.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import subprocess
 from collections import Counter
@@ -16,6 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from ...base.errors import InputError
+from ...io.files import sha256
 from .rule import RULE, VERSION
 
 WORKFLOW = Path(__file__).resolve().parents[4]  # the rules, scripts and library
@@ -96,7 +96,7 @@ def registration(settings: Mapping, truths: Iterable[Mapping], seals: str | Path
         "cases": len(truths),
         "simulators": sorted({truth["simulator"] for truth in truths}),
         "settings": dict(settings),
-        "seals_sha256": hashlib.sha256(Path(seals).read_bytes()).hexdigest(),
+        "seals_sha256": sha256(seals),
     }
 
 
@@ -109,10 +109,7 @@ def assessed(registered: Mapping, seals: str | Path) -> dict:
             ("the code had changes that were not committed", bool(registered["changed"] or changed_files())),
             ("the code changed after the registration", registered["commit"] != commit()),
             ("the scoring rule changed after the registration", registered["rule"]["version"] != VERSION),
-            (
-                "the seals changed after the registration",
-                registered["seals_sha256"] != hashlib.sha256(Path(seals).read_bytes()).hexdigest(),
-            ),
+            ("the seals changed after the registration", registered["seals_sha256"] != sha256(seals)),
         )
         if true
     ]

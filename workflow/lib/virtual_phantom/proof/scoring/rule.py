@@ -4,7 +4,7 @@ LEAST_IN_CLASS = 5  # scores in a class that can be the worst one: fewer would o
 VERSION = 2  # of the rule: 1 had no shares for groups, and counted own equations with the others
 RULE = (
     "One effect: the score is 1 if it was ranked first, and 1/k if it is in the first group of k effects that "
-    "were reported as equal. Two effects: each must be in a group of its own, and the score is the product of "
+    "were reported as equal. Two effects: each must be in a separate group, and the score is the product of "
     "1/k. Precisely right: one or two hidden effects, all of them and no others were named, none in a group. "
     "False alarm: nothing is hidden, but the verdict is not a match (nothing, or nothing relevant, is missing). "
     "Effects named beside a match count only if a weak effect is hidden. A fault that the library lacks must be "

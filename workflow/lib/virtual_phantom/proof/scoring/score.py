@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 from ...physics.effect import names
 from ..hiding.case import CATEGORIES, KINDS, Case
-from ..hiding.catalogue import CATALOGUE, STRENGTHS, never_hidden
+from ..hiding.catalogue import CATALOGUE, never_hidden
+from ..hiding.hidden_effect import STRENGTHS
 from ..hiding.truth import EQUATIONS
 from . import agreement, calibration, confusion, parameters, remainders
 from .headline import headline
@@ -63,7 +64,7 @@ def score(
     suite : mapping, optional
         Section `proof` of the configuration. None: unknown, and the score cannot be added to the record.
     registration : mapping, optional
-        Result of registration.checked.
+        Result of registration.assessed.
     """
     found = {
         "suite": dict(suite or {}),

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 from ...base.errors import InputError, InputErrors, did_you_mean
 from ...io.documents import VERDICT, read_document
+from ...io.files import sha256
 from ...physics.effect import names
 from ..hiding.case import ADMITTED, MATCHES
 from ..hiding.catalogue import CATALOGUE
 
 
+def named_groups(diagnosis: Mapping) -> list[list[str]]:
+    """Return the named effects of diagnosis.json in the order of rank, each followed by those that explain as much."""
+    equal = diagnosis["ambiguous_with"]
+    return [[effect["name"], *equal.get(effect["name"], ())] for effect in diagnosis["effects"]]
+
+
 def verdict_document(diagnosis: Mapping) -> dict:
     """Return the verdict document of the content of diagnosis.json."""
-    equal = diagnosis["ambiguous_with"]
     return {
         "case": diagnosis["recording"],
-        "effects": [[effect["name"], *equal.get(effect["name"], ())] for effect in diagnosis["effects"]],
+        "effects": named_groups(diagnosis),
         "unexplained": diagnosis["verdict"] in ADMITTED,
         "match": diagnosis["verdict"] in MATCHES,
         "parameters": {
@@ -70,4 +75,4 @@ def _read(path: str | Path) -> dict:
 
 def digests(paths: Iterable[str | Path]) -> dict[str, str]:
     """Return {case: SHA-256} of verdict files, which is written before the seals are opened."""
-    return {Path(path).stem: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in sorted(map(Path, paths))}
+    return {Path(path).stem: sha256(path) for path in sorted(map(Path, paths))}
