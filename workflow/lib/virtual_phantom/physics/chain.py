@@ -43,7 +43,7 @@ from .state import AIR, EARLIER_VIEWS, PHOTONS, Inclusions, State
 
 # Cached results. A fit varies one parameter at a time, and most parameters leave the results of earlier stages as they
 # are. Each of the nine points of a focal spot has its own path lengths.
-MAX_PATHS, MAX_TRANSMISSIONS = 20, 24
+MAX_PATHS, MAX_TRANSMISSIONS = 40, 160
 CACHE_BYTES, MIN_CACHED = 2e8, 3  # for each of the two caches
 EVEN, SOLID_ANGLE = "even", "solid_angle"
 

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import least_squares
 
 from ...physics.effect import load
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
-from ..fitting.templates import SMALL, data_changes, strength, templates, varied, with_priors
+from ..fitting.templates import SMALL, data_changes, strength, templates, varied, whitened, with_priors
 
-# Search range of the logarithm of a strength relative to its first-order value, and options of the search. First-order
-# strengths were wrong by 0.1 to 25 %, because one-sided derivatives differ at the edges of a disc.
-NEAR_FIRST_ORDER, SEARCH = (-np.log(4.0), np.log(4.0)), {"xatol": 1e-5, "maxiter": 30}
+# Search range of a strength relative to its first-order value, and options of the search. First-order strengths were
+# wrong by 0.1 to 25 %, because one-sided derivatives differ at the edges of a disc.
+NEAR_FIRST_ORDER, SEARCH = (0.25, 4.0), {"diff_step": 2e-3, "xtol": 1e-5, "max_nfev": 8}
 
 
 @dataclass(frozen=True)
@@ -93,10 +93,10 @@ class _Removal:
         if share < least and not moving:
             return None
 
-        def off(log_times: float) -> float:
-            return _chi_square(self.fitter, self._start(name, np.exp(log_times) * plain))
+        def off(times: np.ndarray) -> np.ndarray:
+            return _residuals(self.fitter, self._start(name, times * plain))
 
-        times = np.exp(minimize_scalar(off, bounds=NEAR_FIRST_ORDER, method="bounded", options=SEARCH).x)
+        times = least_squares(off, 1.0, bounds=NEAR_FIRST_ORDER, **SEARCH).x
         starts = [self._start(name, times * plain), self._start(name, solved[: len(rows)], solved[len(rows) :])]
         reached = [_chi_square(self.fitter, start) for start in starts]
         if moving:
@@ -121,9 +121,16 @@ class _Removal:
 
 
 def _chi_square(fitter: Fitter, start: Fit) -> float:
+    left = _residuals(fitter, start)
+    return float(left @ left)
+
+
+def _residuals(fitter: Fitter, start: Fit) -> np.ndarray:
+    """Return the whitened residuals at a start with the best scale and offset, and those of the priors."""
     problem = Problem.at(fitter, start)
     point, residuals = problem.solve_scale_and_offset(problem.start)
-    return problem.chi_square(residuals, point)
+    priors = np.sqrt(problem.prior_precision) * (point - problem.center)
+    return np.concatenate([whitened(residuals, problem.weights), priors])
 
 
 def _values(fitter: Fitter, name: str, amounts: np.ndarray) -> dict[str, float]:

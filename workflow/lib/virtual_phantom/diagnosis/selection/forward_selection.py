@@ -165,8 +165,6 @@ class ForwardSelection:
         self.fits, self.accuracy, self.current = fits, accuracy, fits.baseline
         self.worth: dict[str, float] = {}
         self.unconfounded: set[str] = set()
-        self._filters: dict[str, Screened] = {}  # of candidates, beside the effects of _filtered
-        self._filtered: tuple[str, ...] = ()
 
     def run(self) -> Choice:
         """Select effects."""
@@ -299,7 +297,7 @@ class ForwardSelection:
         """
         if not rest.fit.effects:
             return None
-        beside = self.fits.filters(rest.fit, [effect, *others], fitted_too=True)
+        beside = self.fits.filters_beside_all_models(rest.fit, [effect, *others])
         if not is_unconfounded(effect, beside, 2 * LEAST_GAIN, 2 * RULED_OUT):
             return None
         gains = {name: filtered.beside_model_error.gain for name, filtered in beside.items()}
@@ -315,7 +313,7 @@ class ForwardSelection:
         fits, score, effects = self.fits, self.current.score, rest.fit.effects
         gain = score - rest.score
         # Alternatives are not penalized for errors of declared models.
-        found = fits.filters(rest.fit, others, accuracy=None) if effects else fits.alone
+        found = fits.filters_by_noise(rest.fit, others) if effects else fits.alone
         found = {name: found[name] for name in others}
         losses = {name: gain - filtered.gain / 2 for name, filtered in found.items()}
         close = [name for name, lost in losses.items() if lost < RULED_OUT]
@@ -335,11 +333,8 @@ class ForwardSelection:
         return losses, list(fitted.values())
 
     def _filters_beside(self, trial: Trial) -> dict[str, Screened]:
-        """Return the matched filters of all other candidates for a fit, cached for the latest fit."""
-        if trial.fit.effects != self._filtered:
-            self._filtered = trial.fit.effects
-            self._filters = self.fits.filters(trial.fit, self.fits.others(self._filtered))
-        return self._filters
+        """Return the matched filters of all other candidates for a fit."""
+        return self.fits.filters(trial.fit, self.fits.others(trial.fit.effects))
 
 
 @dataclass
@@ -363,15 +358,28 @@ class CandidateFits:
     screen: Callable[..., dict[str, Screened]]
     alone: Mapping[str, Screened] = field(default_factory=dict)
     singles: dict[str, Trial] = field(default_factory=dict)
+    _fitted: dict[tuple, tuple[Trial, Trial]] = field(default_factory=dict)  # start and result
+    _filtered: dict[int, tuple[Fit, dict[str, Screened]]] = field(default_factory=dict)
 
     def others(self, effects: tuple[str, ...], but: str | None = None) -> list[str]:
         """Return the candidates that can be added to these effects."""
         there = self.fitter.model.with_declared_effects(effects)
         return [name for name in applicable_effects(self.candidates, there) if name not in (*effects, but)]
 
-    def filters(self, fit: Fit, names: Sequence[str], **options) -> dict[str, Screened]:
-        """Return the matched filters of effects for a fit; options as in `screening.screened`."""
-        return self.screen(fit, names, **({"accuracy": self.accuracy} | options)) if names else {}
+    def filters(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
+        """Return the matched filters of effects for a fit, beside errors of declared models."""
+        _, found = self._filtered.setdefault(id(fit), (fit, {}))  # the key is valid while the fit is kept
+        if missing := [name for name in names if name not in found]:
+            found |= self.screen(fit, missing, accuracy=self.accuracy)
+        return {name: found[name] for name in names}
+
+    def filters_by_noise(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
+        """Return the matched filters of effects for a fit, if noise is the only error."""
+        return {name: replace(one, with_model_error=None) for name, one in self.filters(fit, names).items()}
+
+    def filters_beside_all_models(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
+        """Return the matched filters of effects for a fit, beside errors of declared and fitted models."""
+        return self.screen(fit, names, accuracy=self.accuracy, fitted_too=True)
 
     def unconfounded(self, fit: Fit, found: Mapping[str, Screened]) -> set[str]:
         """Return the effect that moves rays or the object whose gain nothing else explains, if there is one.
@@ -384,7 +392,7 @@ class CandidateFits:
             stands_out(filtered.beside_model_error, len(found), 2 * LEAST_GAIN) for filtered in moving
         ):
             return set()
-        beside = self.filters(fit, list(found), fitted_too=True)
+        beside = self.filters_beside_all_models(fit, list(found))
         best = max(beside, key=lambda name: beside[name].beside_model_error.gain)
         return {best} if is_unconfounded(best, beside, 2 * LEAST_GAIN, 2 * RULED_OUT) else set()
 
@@ -398,14 +406,22 @@ class CandidateFits:
     def beside(self, current: Trial, names: Sequence[str]) -> dict[str, Trial]:
         """Fit each candidate together with the effects of a fit."""
         tasks = [((*current.fit.effects, name), current, current) for name in names]
-        return dict(zip(names, self.fit(tasks), strict=True))
+        return dict(zip(names, self._fits(tasks), strict=True))
 
     def of(self, sets: Sequence[tuple[str, ...]], given: Trial) -> list[Trial]:
         """Fit sets of candidates; sets of several candidates start from the fit `given`."""
         several = [effects for effects in sets if len(effects) > 1]
-        made = dict(zip(several, self.fit([(effects, given) for effects in several]), strict=True))
+        made = dict(zip(several, self._fits([(effects, given) for effects in several]), strict=True))
         made |= {(name,): one for name, one in self.single([one[0] for one in sets if len(one) == 1]).items()}
         return [made[effects] if effects else self.baseline for effects in sets]
+
+    def _fits(self, tasks: Sequence[tuple]) -> list[Trial]:
+        """Return the fits of tasks as `trials` takes them; sets that were fitted from the same start are reused."""
+        keys = [(effects, id(given)) for effects, given, *_ in tasks]  # valid while the start is kept
+        new = [(key, task) for key, task in zip(keys, tasks, strict=True) if key not in self._fitted]
+        for (key, task), made in zip(new, self.fit([task for _, task in new]), strict=True):
+            self._fitted[key] = task[1], made
+        return [self._fitted[key][1] for key in keys]
 
     def in_place(self, current: Trial, effect: str, others: Sequence[str]) -> dict[str, Trial]:
         """Fit others in an effect's place, from settings equivalent to first order, if they share at least LIKE."""
