@@ -225,8 +225,9 @@ class Problem:
         changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)
         design = np.stack([column.ravel() for column in changes])
         design, weight = np.vstack([design, self.model.object_changes(self.data)]), self.weights[0]
-        information = (design * weight) @ design.T + np.diag(self.prior_precision[index])
-        gradient = (design * weight) @ residuals[0] + self.prior_precision[index] * (self.center[index] - point[index])
+        weighted = design * weight
+        information = weighted @ design.T + np.diag(self.prior_precision[index])
+        gradient = weighted @ residuals[0] + self.prior_precision[index] * (self.center[index] - point[index])
         step = bounded_step(information, gradient, point[index], self.low[index], self.high[index])
         point = point.copy()
         point[index] = np.clip(point[index] + step, self.low[index], self.high[index])

@@ -56,7 +56,7 @@ MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
 UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 2.0, 1 / 30
 EDGE_SHARE = 0.01  # of the largest variance by unknown edges, above which correlations of rays are estimated
 LEAST_CORRELATION = 0.1  # up to this correlation, neighbors vary together
-KEPT = 2  # whitened changes: of the fitted and of the held-out data
+KEPT = 3  # changes: whitened of the fitted and of the held-out data, and for the latest values
 KEPT_EDGES = 4  # poses
 
 
@@ -158,7 +158,8 @@ class ObjectErrors:
 
     def lines(self, nuisance: Mapping[str, float]) -> np.ndarray:
         """Return the change of the line integrals, shape (views, rows, columns)."""
-        return np.tensordot([nuisance[name] for name in self.names], self.changes, 1)
+        values = tuple(nuisance[name] for name in self.names)
+        return self._kept.get(values, lambda: np.tensordot(values, self.changes, 1))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from ..fitting.templates import SMALL, data_changes, strength, templates, varied
 
 # Search range of a strength relative to its first-order value, and options of the search. First-order strengths were
 # wrong by 0.1 to 25 %, because one-sided derivatives differ at the edges of a disc.
-NEAR_FIRST_ORDER, SEARCH = (0.25, 4.0), {"diff_step": 2e-3, "xtol": 1e-5, "max_nfev": 8}
+NEAR_FIRST_ORDER, SEARCH = (0.25, 4.0), {"diff_step": 2e-3, "ftol": 1e-5, "xtol": 1e-5, "max_nfev": 8}
 
 
 @dataclass(frozen=True)
