@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.mounting import Mounting
 from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.scenes.rays import corner_rays
 from virtual_phantom.physics.scenes.sampling import displace_source
@@ -61,6 +62,8 @@ PLACES = {
     "detector offset": (replace(GEOMETRY, column_offset_px=0.0015, row_offset_px=0.001), Pose(), None),
     "distances": (replace(GEOMETRY, source_to_isocentre_mm=500.05, source_to_detector_mm=900.03), Pose(), None),
     "source": (displace_source(GEOMETRY, 0.02, 0.01), Pose(), None),
+    "roll": (Mounting(roll_deg=0.01).of(GEOMETRY), Pose(), None),
+    "tilt": (Mounting(tilt_deg=0.02).of(GEOMETRY), NEAR, None),
     "motion": (GEOMETRY, Pose(turn_deg=0.002), np.linspace(-0.01, 0.01, 36).reshape(12, 3)),
 }
 

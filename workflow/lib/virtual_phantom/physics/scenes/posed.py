@@ -14,7 +14,7 @@ import numpy as np
 from ...base.geometry import ScanGeometry
 from ...base.lru_cache import LRUCache
 from ...base.pose import IN_PLACE, Pose
-from .rays import Rays, corner_rays, extrapolate_path_lengths
+from .rays import Rays, corner_rays, extrapolate_path_lengths, slopes_by_pixel
 from .sampling import SupersampledScan
 from .scene import VoxelScene, scan_key
 
@@ -40,6 +40,7 @@ class TracedScan:
 
     def __init__(self, scene: VoxelScene, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None):
         self.scene, self.shape, self._scan = scene, geometry.shape, (geometry, pose, motion_mm)
+        self.is_upright = geometry.is_upright
         self.edge = scene.rays(corner_rays(geometry), pose, motion_mm)
         self.edge_mm = self.edge.extremes_mm()
         self.paths = scene.path_lengths(geometry, pose, motion_mm)
@@ -54,8 +55,11 @@ class TracedScan:
 
     def extrapolate(self, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> np.ndarray:
         """Return the linearized path lengths of a nearby scan, as GridScene.path_lengths."""
-        rays = self.scene.rays(geometry, pose, motion_mm, self._rays.bundles.along_x)
-        return extrapolate_path_lengths(self.paths, self._slopes, self._rays, rays)
+        traced, slopes = self._rays, self._slopes
+        if self.is_upright and not geometry.is_upright:
+            traced, slopes = traced.by_pixel(), slopes_by_pixel(slopes)
+        rays = self.scene.rays(geometry, pose, motion_mm, traced.bundles.along_x)
+        return extrapolate_path_lengths(self.paths, slopes, traced, rays)
 
 
 class PosedScene:
@@ -138,7 +142,11 @@ class LinearizedScene:
     def _nearest(self, geometry: ScanGeometry, edge: Rays) -> tuple[TracedScan | None, float]:
         """Return the nearest reference in range (the first of equally near ones), and its largest ray displacement."""
         edge_mm = edge.extremes_mm()
-        same = [reference for reference in self._references if reference.shape == geometry.shape]
+        same = [
+            reference
+            for reference in self._references
+            if reference.shape == geometry.shape and (reference.is_upright or not geometry.is_upright)
+        ]
         displacements = [float(np.abs(edge_mm - reference.edge_mm).sum(axis=0).max()) for reference in same]
         least = min(displacements, default=np.inf)
         return (same[displacements.index(least)], least) if least <= self._range_mm else (None, least)

@@ -81,6 +81,18 @@ class Rays:
         share, square = np.moveaxis(self.bundles.between, 2, 0)[:, :, None]
         return share * np.sqrt(square + self.rises_mm**2)
 
+    def by_pixel(self) -> Rays:
+        """Return the same rays in bundles of one pixel, in row-major order."""
+        bundles = self.bundles
+        rows = bundles.rows_mm.size
+        lift_mm = self.rises_mm.reshape(len(bundles.lift_mm), -1)
+        along_x, across, climb, between = (
+            np.concatenate([values] * rows, axis=1)
+            for values in (bundles.along_x, bundles.across, bundles.climb, bundles.between)
+        )
+        changed = {"along_x": along_x, "across": across, "climb": climb, "between": between, "lift_mm": lift_mm}
+        return replace(self, bundles=bundles._replace(rows_mm=np.zeros(1), **changed))
+
     def extremes_mm(self) -> np.ndarray:
         """Return the coordinates of each ray in the middle of the grid, and their change up to its edge.
 
@@ -89,19 +101,19 @@ class Rays:
         Returns
         -------
         ndarray, shape (4, rays)
-            mm.
+            mm; views, rows and columns in row-major order.
         """
         dz, dy, dx = self.spacing_mm
         bundles = self.bundles
         half = (np.where(bundles.along_x, *self.planes) - 1)[..., None] / 2
         across = bundles.across * np.where(bundles.along_x, dy, dx)[..., None]
-        height = bundles.climb[:, :, None] * self.rises_mm.swapaxes(1, 2)[..., None] * dz
+        height = bundles.climb[:, None] * self.rises_mm[..., None] * dz
         height[..., 0] += bundles.level[:, None, None] * dz
         across, height = (
             np.concatenate([coordinate[..., :1], coordinate[..., 1:] * edge], axis=-1)
-            for coordinate, edge in ((across, half), (height, half[..., None]))
+            for coordinate, edge in ((across, half), (height, half[:, None]))
         )
-        across = np.broadcast_to(across[:, :, None], height.shape)
+        across = np.broadcast_to(across[:, None], height.shape)
         return np.concatenate([across, height], axis=-1).reshape(-1, 4).T
 
 
@@ -202,6 +214,12 @@ def extrapolate_path_lengths(paths: np.ndarray, slopes: np.ndarray, traced: Rays
     result = np.empty_like(bundled)
     extrapolate_lengths(bundled, slopes, traced.bundles, rays.bundles, result)
     return result.reshape(paths.shape)
+
+
+def slopes_by_pixel(slopes: np.ndarray) -> np.ndarray:
+    """Return Voxels.slopes of bundles of several rows as those of Rays.by_pixel."""
+    views, _, materials, coordinates, _ = slopes.shape
+    return slopes.transpose(0, 4, 1, 2, 3).reshape(views, -1, materials, coordinates, 1)
 
 
 def corner_rays(geometry: ScanGeometry | SupersampledScan) -> ScanGeometry:
