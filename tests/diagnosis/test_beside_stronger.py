@@ -1,5 +1,7 @@
 """Weak ray-moving effects together with a strong effect: they are named if model errors cannot explain them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from simulated_scans import disc_bench, scans_of
@@ -52,3 +54,18 @@ def test_neither_of_two_similar_effects_is_named_within_model_error():
     choice = selected_effects(STRONG | {"detector_offset": {"columns_px": 0.01}}, both)
     assert choice.chosen.fit.effects == ("dark_signal",) and not choice.unconfounded
     assert set(choice.undecided) == set(both[1:])
+
+
+def test_a_set_is_fitted_once_from_the_same_start():
+    tasks = []
+
+    def fit(new):
+        tasks.extend(new)
+        return [object() for _ in new]
+
+    fits = forward_selection.CandidateFits(None, None, (), {}, fit, fit, None)
+    start = SimpleNamespace(fit=SimpleNamespace(effects=("scatter",)))
+    added = fits.beside(start, ["heel"])
+    assert fits.of([("scatter", "heel")], start) == [added["heel"]]
+    fits.of([("scatter", "heel")], SimpleNamespace(fit=start.fit))
+    assert len(tasks) == 2
