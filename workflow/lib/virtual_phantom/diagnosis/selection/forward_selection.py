@@ -170,7 +170,7 @@ class ForwardSelection:
         """Select effects."""
         self.add_effects()
         choice = self.exchange_effects()
-        found = self._filters_beside(choice.chosen)
+        found = self._filters_beside(choice.chosen) if choice.chosen.fit.effects else {}
         significant = [name for name, one in found.items() if stands_out(one, len(found), 2 * LEAST_GAIN)]
         undecided = {name: found[name].gain / 2 for name in significant}
         numerical = self.accuracy.get("numerical", 0.0)
