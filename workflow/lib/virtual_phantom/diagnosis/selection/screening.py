@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 from scipy import stats
+from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 from ...physics.effect import Parameter, load
@@ -224,13 +225,12 @@ def explained(rows: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.
     lengths = np.sqrt((rows**2).sum(axis=1))
     rows, low, high = rows[lengths > 0], low[lengths > 0], high[lengths > 0]
     lengths = lengths[lengths > 0]
-    basis, triangle = np.linalg.qr((rows / lengths[:, None]).T)
-    inside = basis.T @ residual
     # A small penalty on the amounts, so that rounding errors of two equal templates do not act as a third template.
-    matrix = np.vstack([triangle, ALIKE * np.eye(len(rows))])
-    target = np.concatenate([inside, np.zeros(len(rows))])
-    solved = lsq_linear(matrix, target, (low * lengths, high * lengths), method="bvls")
-    return max(0.0, float(inside @ inside - 2 * solved.cost))
+    products = (rows @ rows.T) / np.outer(lengths, lengths) + ALIKE**2 * np.eye(len(rows))
+    root = np.linalg.cholesky(products)
+    target = solve_triangular(root, rows @ residual / lengths, lower=True)
+    solved = lsq_linear(root.T, target, (low * lengths, high * lengths), method="bvls")
+    return max(0.0, float(target @ target - 2 * solved.cost))
 
 
 def stands_out(filtered: Screened, count: int, least_gain: float) -> bool:
