@@ -43,8 +43,9 @@ from .state import AIR, EARLIER_VIEWS, PHOTONS, Inclusions, State
 
 # Cached results. A fit varies one parameter at a time, and most parameters leave the results of earlier stages as they
 # are. Each of the nine points of a focal spot has its own path lengths.
-MAX_PATHS, MAX_TRANSMISSIONS = 40, 160
-CACHE_BYTES, MIN_CACHED = 2e8, 3  # for each of the two caches
+MAX_PATHS, MAX_TRANSMISSIONS = 20, 24
+# For each of the two caches. Small scans cache more results: an extended source at several times needs 50 and more.
+CACHE_BYTES, SMALL_BYTES, MIN_CACHED = 2e8, 2e7, 3
 EVEN, SOLID_ANGLE = "even", "solid_angle"
 
 
@@ -289,4 +290,4 @@ class Chain:
 
 def _cache_length(size: float, most: int) -> int:
     """Return how many results of this many bytes a cache holds."""
-    return int(min(most, max(MIN_CACHED, CACHE_BYTES // size)))
+    return int(min(max(most, SMALL_BYTES // size), max(MIN_CACHED, CACHE_BYTES // size)))
