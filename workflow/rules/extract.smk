@@ -61,8 +61,6 @@ rule merge_features:
         results("features.csv"),
     log:
         results("logs/merge_features.log"),
-    group:
-        "analyses"
     resources:
         mem_mb=2000,
         runtime=lambda wildcards, input, attempt: attempt

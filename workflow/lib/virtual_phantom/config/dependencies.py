@@ -81,6 +81,7 @@ def code_hash(*modules: str | Path) -> str:
     return hashlib.sha256(json.dumps(versions).encode()).hexdigest()[:16]
 
 
+@cache
 def _relative(path: Path) -> str:
     return path.relative_to(LIBRARY).as_posix() if LIBRARY in path.parents else path.name
 
