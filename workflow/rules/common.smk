@@ -27,11 +27,8 @@ try:
 except InputError as error:
     sys.exit(printed(error))
 
-cached_version = cache(
-    code_version
-)  # one job of thousands has the script of the others
-
-cached_version = cache(code_version)  # thousands of jobs can share a script
+# Thousands of jobs can share a script.
+cached_version = cache(code_version)
 
 
 def results(path):
