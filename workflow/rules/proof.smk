@@ -206,7 +206,10 @@ rule score_verdicts:
 rule score:
     """The score of the verdicts in the folder that the key verdicts names."""
     input:
-        expand(rules.score_verdicts.output, program=context.benchmark.program),
+        [
+            results(f"proof/programs/{context.benchmark.program}/{name}")
+            for name in ("hashes.json", "score.json", "score.md")
+        ],
     localrule: True
 
 
