@@ -206,10 +206,9 @@ rule score_verdicts:
 rule score:
     """The score of the verdicts in the folder that the key verdicts names."""
     input:
-        [
-            results(f"proof/programs/{context.benchmark.program}/{name}")
-            for name in ("hashes.json", "score.json", "score.md")
-        ],
+        results(f"proof/programs/{context.benchmark.program}/hashes.json"),
+        results(f"proof/programs/{context.benchmark.program}/score.json"),
+        results(f"proof/programs/{context.benchmark.program}/score.md"),
     localrule: True
 
 
