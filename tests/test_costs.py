@@ -118,6 +118,20 @@ def test_every_stage_has_a_rate_and_a_plan_without_one_fails():
         cost_summary(Plan(read_study(config)), "cpu", rates)
 
 
+@pytest.mark.parametrize("name, projections, took", [("config", 2980, 11.6), ("paper", 60, 3.98)])
+def test_projections_have_their_measured_cost(name, projections, took):
+    """CPU time of jobs of the default study (median of 12), and of config/paper.yaml with 60 views."""
+    lines, config = read_configs([ROOT / "config" / f"{name}.yaml"])
+    assert not lines
+    if name == "paper":
+        config = config | {"grid": config["grid"] | {"oversampling": 1}}
+        config["protocols"] = {"sirt_150": config["protocols"]["sirt_150"] | {"projections": projections}}
+        config["analyses"] = {}
+    sizes = Sizes(Plan(read_study(config)), "cpu")
+    stage, work = sizes.projection(f"views{projections}")
+    assert seconds(Job("project", stage, (), work), read_rates(RATES)) == pytest.approx(took, rel=0.25)
+
+
 def test_voxel_driven_sirt_has_its_measured_cost():
     """Jobs at the scale of config/paper.yaml and at half of it, within a quarter of their measured times.
 
