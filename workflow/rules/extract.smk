@@ -55,6 +55,7 @@ for number, (bundle, protocols, constraint) in enumerate(
 
 
 rule merge_features:
+    # In no group: with each table that is ready, Snakemake looks at all inputs of the jobs of a group.
     input:
         features=context.acquisitions.feature_tables(),
     output:
