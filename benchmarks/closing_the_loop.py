@@ -32,7 +32,8 @@ from virtual_phantom.diagnosis.comparison.agreement import share_within
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume, complete, image_grid, phantom_regions
 from virtual_phantom.diagnosis.comparison.scans import scans
 from virtual_phantom.diagnosis.run import run_diagnosis
-from virtual_phantom.features.extraction import MINIMUM_VOXELS, extract_repeats
+from virtual_phantom.features import MINIMUM_VOXELS
+from virtual_phantom.features.extraction import extract_repeats
 from virtual_phantom.features.names import FEATURES
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.physics.beam.materials import Segmentation

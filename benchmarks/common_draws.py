@@ -11,7 +11,8 @@ import pandas as pd
 from benchmarks import common
 from virtual_phantom.base.geometry import grid_of, scan_geometry
 from virtual_phantom.config.config import read_study
-from virtual_phantom.features.extraction import MINIMUM_VOXELS, extract
+from virtual_phantom.features import MINIMUM_VOXELS
+from virtual_phantom.features.extraction import extract
 from virtual_phantom.features.names import FEATURES
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.physics.beam.materials import Segmentation

@@ -27,7 +27,7 @@ STAGE_UNITS = {
     "project": ["job", "ray_step"],
     "acquire": ["job", "ray"],
     "reconstruct_fbp": ["job", "ray", "image_voxel_view"],
-    "reconstruct_sirt": ["ray_step", "ray_step_lane", "image_voxel"],
+    "reconstruct_sirt": ["ray_step", "ray_step_lane", "image_voxel_term"],
     "extract": ["job", "image_voxel"],
     "merge_features": ["job", "image"],
     "noise_calibration": ["job", "image_voxel"],

@@ -7,6 +7,7 @@ the expected number of steps, which all take the same time, and to all views. Wr
 
 import resource
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,9 +22,14 @@ from virtual_phantom.study.costs.rates import fit, read_rates, seconds
 
 ONE_THREAD = True
 STAGE = "reconstruct_sirt_voxel"
-CASES = ((150, 1, 150), (450, 1, 450), (150, 8, 30), (150, 16, 30))  # projections, realizations, views that are timed
+# Projections, realizations, views that are timed, factor of the size of voxels and pixels, and iterations.
+CASES = (
+    *((150, 1, 150, 1, 500), (450, 1, 450, 1, 500), (150, 8, 30, 1, 500), (150, 16, 30, 1, 500)),
+    *((150, 1, 150, 2, 500), (60, 1, 60, 2, 20), (60, 1, 60, 1, 20)),
+)
 STEPS = 3
-FILES_S = 3.0  # CPU time of reading, noise and writing of one image
+UNITS = ["ray_step", "ray_step_lane", "image_voxel_term"]
+FILES_S = 1.2e-7  # CPU time of reading, noise and writing, per voxel of an image
 
 
 def timed(call):
@@ -31,6 +37,28 @@ def timed(call):
     began = time.process_time()
     result = call()
     return time.process_time() - began, result
+
+
+def sized(config, factor, projections, iterations):
+    """The configuration with larger voxels and pixels in the same fields of view, for one number of projections."""
+    grid, scan, reconstruction = config.grid, config.scan, config.reconstruction
+    return replace(
+        config,
+        grid=replace(
+            grid,
+            shape=tuple(size // factor for size in grid.shape),
+            spacing_mm=tuple(size * factor for size in grid.spacing_mm),
+        ),
+        scan=replace(
+            scan,
+            columns=scan.columns // factor,
+            rows=scan.rows // factor,
+            column_pitch_mm=scan.column_pitch_mm * factor,
+            row_pitch_mm=scan.row_pitch_mm * factor,
+        ),
+        reconstruction=replace(reconstruction, sirt=replace(reconstruction.sirt, iterations=iterations)),
+        protocols={"sirt_150": replace(config.protocols["sirt_150"], projections=projections)},
+    )
 
 
 def measure(config, projections, lanes, views):
@@ -41,6 +69,7 @@ def measure(config, projections, lanes, views):
     line = np.ones((1, geometry.views, geometry.rows, geometry.columns), np.float32)
     line_integrals = np.broadcast_to(line, (lanes, *line.shape[1:]))
     shortest_mm = max(grid.spacing)
+    SirtUpdate(projector, line_integrals, projector.back, shortest_mm)  # compiles
     weights, update = timed(lambda: SirtUpdate(projector, line_integrals, projector.back, shortest_mm))
     volume = projector.empty_volume()
     update(volume)  # fills memory
@@ -56,7 +85,7 @@ def measure(config, projections, lanes, views):
     weights *= projections / views
     return weights + sirt_updates(config.reconstruction.sirt) * float(
         np.median(steps)
-    ) + packing + FILES_S * lanes, steps
+    ) + packing + FILES_S * lanes * np.prod(grid.shape), steps
 
 
 def add_arguments(parser):
@@ -65,24 +94,25 @@ def add_arguments(parser):
 
 def run(options):
     config = common.configuration("config/paper_groups.yaml", "config/paper.yaml")
-    sizes = Sizes(Plan(config), "cpu")
     jobs = []
-    for projections, lanes, views in CASES:
-        took, steps = measure(config, projections, lanes, views)
-        _, work = sizes.reconstruction([f"sirt_{projections}"], lanes)
+    for projections, lanes, views, factor, iterations in CASES:
+        case = sized(config, factor, projections, iterations)
+        took, steps = measure(case, projections, lanes, views)
+        _, work = Sizes(Plan(case), "cpu").reconstruction(["sirt_150"], lanes)
         jobs.append((Job("reconstruct", STAGE, (), work), took))
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         listed = ", ".join(f"{step:.1f}" for step in steps)
-        print(
-            f"{projections} projections, {lanes} realizations: {took:.0f} s; steps {listed} s; {peak:.1f} GiB so far",
-            flush=True,
-        )
-    rates = fit(jobs, {STAGE: ["ray_step", "ray_step_lane", "image_voxel"]})[STAGE]
+        sizes = f"{projections} projections, {lanes} realizations, voxels x {factor}"
+        print(f"{sizes}: {took:.1f} s; steps {listed} s; {peak:.1f} GiB so far", flush=True)
+    rates = fit(jobs, {STAGE: UNITS})[STAGE]
     print(rates)
     for job, took in jobs:
         print(f"measured {took:.0f} s, estimated {seconds(job, {'seconds': {STAGE: rates}}):.0f} s")
     if options.machine:
         whole = read_rates(RATES)
         whole["seconds"][STAGE] = rates
-        whole["measured"]["sirt_voxel"] = {"machine": options.machine, "seconds": [round(took) for _, took in jobs]}
+        whole["measured"]["sirt_voxel"] = {
+            "machine": options.machine,
+            "seconds": [round(float(took), 1) for _, took in jobs],
+        }
         write(whole)

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from test_config import DEFAULT, changed
 
-from benchmarks.sirt_rates import CASES
+from benchmarks.sirt_rates import CASES, sized
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.config.config import read_study
@@ -74,6 +74,7 @@ def test_study_of_the_papers_groups_writes_its_measured_size():
         ("reconstruction", {"sirt": {"terms": 30}}, "reconstruct_sirt", "ray_step", 31 / 54),
         ("reconstruction", {"sirt": {"solver": "plain"}}, "reconstruct_sirt", "ray_step", 501 / 54),
         ("reconstruction", {"sirt": {"iterations": 20}}, "reconstruct_sirt", "ray_step", 12 / 54),
+        ("reconstruction", {"sirt": {"iterations": 20}}, "reconstruct_sirt", "image_voxel_term", 12 / 54),
         ("protocols.sirt_450.projections", 1350, "reconstruct_fbp", "image_voxel_view", 1),
         ("seeds_per_job", 8, "reconstruct_sirt", "ray_step_lane", 1),
     ],
@@ -117,16 +118,35 @@ def test_every_stage_has_a_rate_and_a_plan_without_one_fails():
         cost_summary(Plan(read_study(config)), "cpu", rates)
 
 
+@pytest.mark.parametrize("name, projections, took", [("config", 2980, 11.6), ("paper", 60, 3.98)])
+def test_projections_have_their_measured_cost(name, projections, took):
+    """CPU time of jobs of the default study (median of 12), and of config/paper.yaml with 60 views."""
+    lines, config = read_configs([ROOT / "config" / f"{name}.yaml"])
+    assert not lines
+    if name == "paper":
+        config = config | {"grid": config["grid"] | {"oversampling": 1}}
+        config["protocols"] = {"sirt_150": config["protocols"]["sirt_150"] | {"projections": projections}}
+        config["analyses"] = {}
+    sizes = Sizes(Plan(read_study(config)), "cpu")
+    stage, work = sizes.projection(f"views{projections}")
+    assert seconds(Job("project", stage, (), work), read_rates(RATES)) == pytest.approx(took, rel=0.25)
+
+
 def test_voxel_driven_sirt_has_its_measured_cost():
-    """Jobs of config/paper.yaml within a quarter of the times that benchmarks/sirt_rates.py measured."""
+    """Jobs at the scale of config/paper.yaml and at half of it, within a quarter of their measured times.
+
+    benchmarks/sirt_rates.py measured all but the last. That is the mean CPU time of two jobs of Snakemake.
+    """
     lines, config = read_configs([ROOT / "config" / "paper.yaml"])
     assert not lines
-    rates, sizes = read_rates(RATES), Sizes(Plan(read_study(config)), "cpu")
-    for (projections, lanes, _), took in zip(CASES, rates["measured"]["sirt_voxel"]["seconds"], strict=True):
-        stage, work = sizes.reconstruction([f"sirt_{projections}"], lanes)
+    rates, study = read_rates(RATES), read_study(config)
+    cases = [*zip(CASES, rates["measured"]["sirt_voxel"]["seconds"], strict=True), ((60, 1, 60, 1, 20), 18.5)]
+    for (projections, lanes, _, factor, iterations), took in cases:
+        sizes = Sizes(Plan(sized(study, factor, projections, iterations)), "cpu")
+        stage, work = sizes.reconstruction(["sirt_150"], lanes)
         assert seconds(Job("reconstruct", stage, (), work), rates) == pytest.approx(took, rel=0.25), (
             projections,
-            lanes,
+            factor,
         )
 
 

@@ -44,7 +44,6 @@ IMPORTED = (
     "scipy.signal",
     "scipy.special",
     "scipy.stats",
-    "seaborn",
     "skimage.measure",
     "sklearn.decomposition",
     "sklearn.discriminant_analysis",

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas
-import seaborn
 import yaml
 from matplotlib.figure import Figure
 
@@ -79,7 +78,8 @@ def draw_templates(panels: Sequence[Panel]) -> Figure:
         sizes = np.abs(panel.values)
         limit = float(sizes.max() if panel.names else np.percentile(sizes, MOST_SHOWN)) or 1.0
         if panel.names:
-            seaborn.barplot(x=panel.names, y=panel.values, color=style.BLUE, saturation=1, width=0.7, ax=ax)
+            ax.bar(panel.names, panel.values, 0.7, color=style.BLUE)
+            ax.set_xlim(-0.5, len(panel.names) - 0.5)
             ax.axhline(0, color=style.GREY, linewidth=0.6)
             ax.margins(y=0.3)
             ax.tick_params(length=0)
@@ -116,7 +116,8 @@ def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
     numbers = values.fillna(0).map(lambda value: style.number(round(100 * value)) if abs(value) >= WRITTEN else "")
     figure = style.figure(style.DOUBLE_COLUMN_MM, style.DOUBLE_COLUMN_MM * 1.08)
     axes = figure.subplots()
-    image = style.heat_map(axes, values, numbers, cmap="RdBu_r", vmin=-1, vmax=1, square=True)
+    image = style.heat_map(axes, values, numbers, cmap="RdBu_r", vmin=-1, vmax=1)
+    axes.set_aspect("equal")
     text = "correlation of templates after projection of the alignment"
     figure.colorbar(image, ax=axes, location="top", label=text, shrink=0.6, aspect=40)
     return figure

@@ -7,7 +7,7 @@ from test_declared import GEOMETRY, PHOTONS, inserts_in_muscle
 
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.residuals.residual_tests import KINDS
+from virtual_phantom.diagnosis.residuals import KINDS
 from virtual_phantom.diagnosis.verdict.unmodeled import changes
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain

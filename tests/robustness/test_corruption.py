@@ -1,6 +1,8 @@
 """Damaged files are rejected by name; none gives wrong numbers silently."""
 
 import os
+import resource
+import signal
 import warnings
 
 import numpy as np
@@ -11,6 +13,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.io import files
 
 OURS_TO_READ = [artefact for artefact in ARTEFACTS if artefact.name != "YAML, physics"]  # read by Snakemake
+MADE_BY_JOBS = [artefact for artefact in ARTEFACTS if artefact.name != "YAML, recording"]  # the tests write that one
 MUTATIONS = int(os.environ.get("MUTATIONS", "40"))  # per kind of file
 
 
@@ -73,3 +76,22 @@ def test_failed_write_keeps_the_old_file_and_its_checksum(tmp_path):
         raise RuntimeError
     assert files.read_text(tmp_path / "a.txt") == "old"
     assert sorted(path.name for path in tmp_path.iterdir()) == [".a.txt.sha256", "a.txt"]
+
+
+@pytest.mark.parametrize("artefact", MADE_BY_JOBS, ids=[artefact.name for artefact in MADE_BY_JOBS])
+def test_job_that_is_killed_while_it_writes_leaves_no_half_file(artefact, tmp_path):
+    """As on a node that fails: the process is killed after half of the file; the next job writes all of it."""
+    first, again = tmp_path / "first", tmp_path / "again"
+    first.mkdir()
+    again.mkdir()
+    whole = artefact.write(first)
+    process = os.fork()
+    if not process:
+        signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+        half = whole.stat().st_size // 2
+        resource.setrlimit(resource.RLIMIT_FSIZE, (half, half))
+        artefact.write(again)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == -signal.SIGXFSZ
+    assert not (again / whole.relative_to(first)).exists()
+    assert same(artefact.read(artefact.write(again)), artefact.read(whole))

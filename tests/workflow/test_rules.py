@@ -115,3 +115,8 @@ def test_paths_of_rules_are_those_of_the_table():
 def test_rules_do_not_contain_the_results_folder():
     for path in FILES:
         assert not re.search(r"results_dir|\.results\b", re.sub(r'"""(.|\n)*?"""', "", path.read_text())), path.name
+
+
+def test_rules_expand_no_outputs_of_other_rules():
+    """With a default storage (docs/how-to/cluster.md), Snakemake refuses `expand(rules.x.output)`."""
+    assert not [path.name for path in FILES if "expand(rules." in path.read_text()]

@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+from functools import cache
 from pathlib import Path
 
 from virtual_phantom.base.console import check_names, collected_notes, printed_notes
@@ -26,6 +27,9 @@ try:
 except InputError as error:
     sys.exit(printed(error))
 
+# Thousands of jobs can share a script.
+cached_version = cache(code_version)
+
 
 def results(path):
     """Return the path of a file below results_dir; wildcards stay in braces."""
@@ -44,7 +48,7 @@ def named(protocols, wildcards):
 
 def code(script, effects=(), hooks=False):
     """Return a hash of the code of a script: a job runs again if the hash changes."""
-    return code_version(WORKFLOW / "scripts" / script, effects, hooks)
+    return cached_version(WORKFLOW / "scripts" / script, frozenset(effects), hooks)
 
 
 wildcard_constraints:

@@ -55,14 +55,13 @@ for number, (bundle, protocols, constraint) in enumerate(
 
 
 rule merge_features:
+    # In no group: with each table that is ready, Snakemake looks at all inputs of the jobs of a group.
     input:
         features=context.acquisitions.feature_tables(),
     output:
         results("features.csv"),
     log:
         results("logs/merge_features.log"),
-    group:
-        "analyses"
     resources:
         mem_mb=2000,
         runtime=lambda wildcards, input, attempt: attempt

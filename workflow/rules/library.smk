@@ -1,11 +1,15 @@
 """Put the library on the path and set up the console. This file is included before all others."""
 
+import gc
 import os
 import sys
 import tempfile
 from pathlib import Path
 
 from snakemake.logging import logger
+
+# Snakemake makes hundreds of objects per job and keeps them. Python would search them for garbage all the time.
+gc.set_threshold(200_000, 50, 50)
 
 # Folder of the rules, which does not depend on the working folder or on the Snakefile that uses them.
 RULES = workflow.current_basedir.get_path_or_uri(secret_free=True)

@@ -206,7 +206,9 @@ rule score_verdicts:
 rule score:
     """The score of the verdicts in the folder that the key verdicts names."""
     input:
-        expand(rules.score_verdicts.output, program=context.benchmark.program),
+        results(f"proof/programs/{context.benchmark.program}/hashes.json"),
+        results(f"proof/programs/{context.benchmark.program}/score.json"),
+        results(f"proof/programs/{context.benchmark.program}/score.md"),
     localrule: True
 
 

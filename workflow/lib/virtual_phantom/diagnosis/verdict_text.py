@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from ..base.names import enumerated, label
 from ..physics.effect import load
 from .request import LOCATION_DIGITS
-from .residuals.residual_tests import KINDS
+from .residuals import KINDS
 
 MATCH, UNEXPLAINED = "match", "unexplained"
 PRACTICAL = "match for practical purposes"

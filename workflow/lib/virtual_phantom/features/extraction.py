@@ -28,18 +28,11 @@ from scipy import ndimage
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..io.volumes import Volume
+from . import MINIMUM_GREY_LEVELS, MINIMUM_VOXELS
 from .hu_offset import convert_to_hu
 from .names import FEATURES
 from .parameters import DEFAULT, LARGEST, Parameters
 from .settings import SETTINGS, STUDY
-
-# In a block of 4 x 4 x 4 voxels, 8 have all of their 26 neighbors in the ROI. Textures of smaller ROIs depend mostly
-# on the shape of the ROI.
-MINIMUM_VOXELS = 64
-# A symmetrical, normalized n x n co-occurrence matrix has n(n + 1)/2 - 1 degrees of freedom: 2 for two gray levels,
-# which all 22 GLCM features then depend on, and 0 for one level.
-MINIMUM_GREY_LEVELS = 3
-
 
 VERSIONS = {
     "pyradiomics_version": pyradiomics.__version__,

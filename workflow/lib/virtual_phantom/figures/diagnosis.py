@@ -6,7 +6,6 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import seaborn
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
@@ -45,10 +44,8 @@ def _residual_ticks(low: float, high: float) -> np.ndarray:
 
 def bars(axes: Axes, values: Mapping[str, float], chosen: tuple[str, ...]) -> None:
     """Draw a horizontal bar for each candidate in the given order, blue for the chosen candidates."""
-    colors = {True: AFTER, False: "#BBBBBB"}
-    labels, hue = list(map(style.label, values)), [name in chosen for name in values]
-    options = {"palette": colors, "saturation": 1, "width": 0.7, "legend": False}
-    seaborn.barplot(x=list(values.values()), y=labels, hue=hue, **options, ax=axes)
+    colors = [AFTER if name in chosen else "#BBBBBB" for name in values]
+    style.bars(axes, list(map(style.label, values)), list(values.values()), colors, height=0.7)
     axes.axvline(0, color=style.GREY, linewidth=0.6)
 
 
@@ -258,8 +255,7 @@ def draw_ranking(gains: Mapping[str, float], added: Mapping[str, float], fitted:
     bars(axes, {name: gains[name] for name in names}, tuple(added))
     marked = [name for name in names if name in added]
     axes.plot([added[name] for name in marked], [names.index(name) for name in marked], "D", **ADDED)
-    for bar in axes.patches:  # not in the order of names: seaborn draws the chosen candidates last
-        name = names[round(bar.get_y() + bar.get_height() / 2)]
+    for name, bar in zip(names, axes.patches, strict=True):
         bar.set_alpha(1.0 if name in fitted else FIRST_ORDER_ALPHA)
     axes.set_xscale("symlog", linthresh=LINEAR_GAIN)
     # Few ticks, with numbers in full, because the shared style has no exponents.

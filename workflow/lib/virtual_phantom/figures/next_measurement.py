@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-import seaborn
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -31,11 +30,11 @@ def draw_ranking(table: pd.DataFrame, enough: float) -> Figure:
     scored = table["least_log_score"].notna().any()
     figure = style.figure(style.DOUBLE_COLUMN_MM, REST_MM + ROW_MM * len(ranked))
     left, *right = figure.subplots(1, 2 if scored else 1, sharey=True, squeeze=False)[0]
-    seaborn.barplot(x=ranked["information_gain_nats"].to_numpy(), y=labels, color=style.BLUE, saturation=1, ax=left)
+    style.bars(left, labels, ranked["information_gain_nats"], style.BLUE)
     left.set(xlabel="expected information gain (nats)", ylabel="")
     for axes in right:
         scores = np.maximum(ranked["least_log_score"].to_numpy(float), LEAST_SHOWN)
-        seaborn.barplot(x=scores, y=labels, color=style.ORANGE, saturation=1, ax=axes)
+        style.bars(axes, labels, scores, style.ORANGE)
         axes.set(xscale="log", xlabel="smallest log score between two effects", ylabel="", xlim=(LEAST_SHOWN, None))
         axes.xaxis.set_major_locator(LogLocator())
         axes.xaxis.set_major_formatter(style.number_formatter())

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas
-import seaborn
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
@@ -147,10 +146,8 @@ def _scatter(axes: Axes, rows: pandas.DataFrame, colors, markers, points, *, fac
     face : optional
         Colors of the fill with edges of the color of the tissue class; None: white edges.
     """
-    used = {name: markers[name] for name in rows["shape"].unique()}
-    shapes = {"style": "shape", "style_order": list(used), "markers": used}
-    seaborn.scatterplot(rows, x="pc1", y="pc2", ax=axes, legend=False, linewidth=linewidth, **shapes, **look)
-    drawn, of_class = axes.collections[-1], rows["tissue_class"].map(colors).tolist()
+    drawn = style.scatter(axes, rows["pc1"], rows["pc2"], rows["shape"].map(markers), linewidth=linewidth, **look)
+    of_class = rows["tissue_class"].map(colors).tolist()
     drawn.set_facecolor(of_class if face is None else face)
     drawn.set_edgecolor("white" if face is None else of_class)
     drawn.set_sizes(np.array([style.marker_area(markers[shape], 1) for shape in rows["shape"]]) * np.square(points))

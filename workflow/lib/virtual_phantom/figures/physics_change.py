@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas
-import seaborn
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -40,10 +39,9 @@ def draw(table: pandas.DataFrame, threshold: float, noise: Mapping[str, float | 
     table = table[table["changed"] != UNVARYING]
     text = ["feature", "family", "changed"]
     tables.check_table(table, "table of physics_change", text=text, numbers=NUMBERS[:3])
-    families = sorted(set(table["family"]))
     figure = style.figure(style.DOUBLE_COLUMN_MM, 105)
     axes, text_axes = figure.subplots(1, 2, width_ratios=(1.25, 1))
-    axes.axline((0, 0), slope=1, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1, label="no change")
+    same = axes.axline((0, 0), slope=1, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1, label="no change")
     changed = table[table["changed"] == "yes"].sort_values(
         "change_percent", key=lambda change: -change.abs(), kind="stable"
     )
@@ -53,8 +51,7 @@ def draw(table: pandas.DataFrame, threshold: float, noise: Mapping[str, float | 
         x_error, y_error = (np.abs(ends.to_numpy(float).T - positions[:, k]) for k, ends in enumerate(intervals))
         bars = {"fmt": "none", "ecolor": style.GREY, "elinewidth": 0.6, "zorder": 1}
         axes.errorbar(*positions.T, xerr=x_error, yerr=y_error, **bars)
-    seaborn.scatterplot(table, x="without_percent", y="with_percent", ax=axes, zorder=2, **style.by_family(families))
-    axes.get_legend().remove()
+    found = style.scatter_families(axes, table, *NUMBERS[:2], sorted(set(table["family"])))
     highest = np.nanmax([table[NUMBERS[:2]].to_numpy(float).max(), *changed[["without_high", "with_high"]].max()])
     ends = -EDGE_PERCENT, ROUND_PERCENT * max(1, np.ceil(highest / ROUND_PERCENT)) + EDGE_PERCENT
     axes.set(xlim=ends, ylim=ends, aspect="equal")
@@ -64,8 +61,7 @@ def draw(table: pandas.DataFrame, threshold: float, noise: Mapping[str, float | 
     axes.set_title(
         f"{len(changed)} of {len(table)} features change\nmeans: {means[0]:.1f} % without, {means[1]:.1f} % with"
     )
-    handles, _ = axes.get_legend_handles_labels()
-    figure.legend(handles, ["no change", *map(style.family_label, families)], loc="outside upper center", ncols=6)
+    figure.legend(handles=[same, *found], loc="outside upper center", ncols=6)
     figure.draw_without_rendering()  # fixes the layout, on which the placement of numbers depends
     _number(axes, table, positions[:NAMED])
     text_axes.axis("off")

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas
-import seaborn
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from scipy.cluster import hierarchy
 
 from ..base.errors import InputError
@@ -98,9 +98,10 @@ def draw(
     for index, (axes, (name, (scores, *_))) in enumerate(zip(panels, shown.items(), strict=True)):
         placed = scores if discriminates else scores.assign(**{SCORES[1]: scores["family"].map(families.index)})
         shown[name] = placed, *shown[name][1:]
-        _scatter(axes, placed, families)
+        entries = _scatter(axes, placed, families)
         _intervals(axes, placed, numbered)
         dashed = axes.axvline(scores[SCORES[0]].mean(), color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
+        dashed.set_label("mean of the features")
         if discriminates:
             axes.axhline(scores[SCORES[1]].mean(), color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
         if double:
@@ -120,11 +121,8 @@ def draw(
     else:
         panels[0].set_yticks(range(len(families)), map(style.family_label, families))
         panels[0].set_ylim(len(families) - 0.5, -0.5)
-    handles, labels = [dashed], ["mean of the features"]
-    if discriminates:
-        found, _ = panels[0].get_legend_handles_labels()  # a heading, the families, and seaborn's entries for sizes
-        handles, labels = [*found[1 : 1 + len(families)], dashed], [*map(style.family_label, families), *labels]
-    figure.legend(handles, labels, loc="outside upper center", ncols=6 if double else 3, markerscale=1.4)
+    handles = [*entries, dashed] if discriminates else [dashed]
+    figure.legend(handles=handles, loc="outside upper center", ncols=6 if double else 3, markerscale=1.4)
     _list(figure, shown, numbered, scored, noise)
     figure.draw_without_rendering()  # fixes the layout, on which the placement of numbers depends
     for axes, (scores, *_) in zip(panels, shown.values(), strict=True):
@@ -160,16 +158,19 @@ def _titles(shown: Mapping, controls: pandas.DataFrame | None, scored: list[str]
     return {name: "\n".join([*lines, *[""] * (most - len(lines))]) for name, lines in titles.items()}
 
 
-def _scatter(axes: Axes, scores: pandas.DataFrame, families: list[str]) -> None:
-    """Draw one marker per family and pair of scores, with an area for the number of features, largest first."""
+def _scatter(axes: Axes, scores: pandas.DataFrame, families: list[str]) -> list[Line2D]:
+    """Draw one marker per family and pair of scores, with an area for the number of features, largest first.
+
+    Returns
+    -------
+    list of Line2D
+        Entries of a legend, one per family.
+    """
     markers = style.assign(families, style.MARKERS)
     points = scores.groupby(["family", *SCORES]).size().reset_index(name="count")
     points = points.sort_values("count", ascending=False, kind="stable")
     points["area"] = points["count"] * [style.marker_area(markers[family], POINT) for family in points["family"]]
-    areas = {area: area for area in points["area"]}
-    look = {"size": "area", "sizes": areas, **style.by_family(families)}
-    seaborn.scatterplot(points, x=SCORES[0], y=SCORES[1], ax=axes, zorder=2, **look)
-    axes.get_legend().remove()
+    return style.scatter_families(axes, points, *SCORES, families, s=points["area"])
 
 
 def _intervals(axes: Axes, scores: pandas.DataFrame, numbered: list[str]) -> None:

@@ -13,15 +13,16 @@ from pathlib import Path
 import matplotlib.style
 import numpy as np
 import pandas
-import seaborn
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import PathCollection, QuadMesh
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.markers import MarkerStyle
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter
 from matplotlib.transforms import Bbox, ScaledTranslation
 from numpy.typing import ArrayLike
-from seaborn.utils import relative_luminance
 
 from ..base.names import label
 from ..features.names import is_feature
@@ -47,9 +48,25 @@ GREY = "#666666"
 TRIAL, TRIAL_MM = "Trial run: too small for meaningful results.", 5.0  # line above a figure, and its height
 DARK = 0.3  # relative luminance below which white letters have a contrast of at least 3 (WCAG 2.1)
 
+# Style "ticks" and proportions "notebook" of seaborn 0.13, in which tick labels and legends have 11 points.
+_TICKS = {
+    **dict.fromkeys(("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), ".15"),
+    "axes.axisbelow": True,
+    "lines.solid_capstyle": "round",
+    "patch.edgecolor": "white",
+    "patch.force_edgecolor": True,
+}
+_NOTEBOOK = {
+    **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width"), 1.25),
+    **dict.fromkeys(("grid.linewidth", "patch.linewidth", "xtick.minor.width", "ytick.minor.width"), 1),
+    **dict.fromkeys(("xtick.major.size", "ytick.major.size", "lines.markersize"), 6),
+    **dict.fromkeys(("xtick.minor.size", "ytick.minor.size"), 4),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 11),
+    "axes.titlesize": 12,
+}
 _RC = {
-    # Seaborn's proportions, scaled so that tick labels and legends (11 points in seaborn) have FONT_POINTS.
-    **{name: size * FONT_POINTS / 11 for name, size in seaborn.plotting_context("notebook").items()},
+    **_TICKS,
+    **{name: size * FONT_POINTS / 11 for name, size in _NOTEBOOK.items()},
     **dict.fromkeys(("font.size", "axes.labelsize", "legend.title_fontsize"), FONT_POINTS),
     "font.family": "DejaVu Sans",  # part of matplotlib, so figures look the same on all machines
     "text.parse_math": False,  # names of ROIs may contain dollar signs
@@ -70,7 +87,7 @@ _METADATA = {".png": {"Software": None}, ".pdf": {"Creator": None, "Producer": N
 
 def styled(grid: bool = False):
     """Return a context manager and decorator that applies this style without settings of the user."""
-    return matplotlib.style.context(["default", seaborn.axes_style("ticks"), {**_RC, "axes.grid": grid}])
+    return matplotlib.style.context(["default", {**_RC, "axes.grid": grid}])
 
 
 class ShownFigure(Figure):
@@ -167,11 +184,33 @@ def assign(names: Iterable, values: Sequence) -> dict:
     return dict(zip(dict.fromkeys(names), itertools.cycle(values), strict=False))
 
 
-def by_family(families: Sequence[str]) -> dict:
-    """Return options of seaborn.scatterplot for points with the color and marker of their feature family."""
+def scatter(axes: Axes, x: ArrayLike, y: ArrayLike, markers: Iterable[str], **look) -> PathCollection:
+    """Draw points with a marker of each, in one collection with white edges; `look`: see Axes.scatter."""
+    points = axes.scatter(x, y, edgecolor="white", **look)
+    shapes = {marker: MarkerStyle(marker) for marker in MARKERS}
+    points.set_paths([shapes[marker].get_path().transformed(shapes[marker].get_transform()) for marker in markers])
+    return points
+
+
+def scatter_families(
+    axes: Axes, rows: pandas.DataFrame, x: str, y: str, families: Sequence[str], **look
+) -> list[Line2D]:
+    """Draw two columns with the color and marker of each feature family; return the entries of a legend."""
     colors, markers = assign(families, ON_WHITE), assign(families, MARKERS)
-    look = {"palette": colors, "markers": markers, "alpha": 0.75, "linewidth": 0.4}
-    return {"hue": "family", "hue_order": families, "style": "family", **look}
+    shapes, own = rows["family"].map(markers), rows["family"].map(colors).tolist()
+    scatter(axes, rows[x], rows[y], shapes, color=own, alpha=0.75, linewidth=0.4, zorder=2, **look)
+    entry = {"linestyle": "", "alpha": 0.75, "markeredgecolor": "white", "markeredgewidth": 0.4}
+    return [
+        Line2D([], [], marker=markers[name], color=colors[name], label=family_label(name), **entry) for name in families
+    ]
+
+
+def bars(axes: Axes, names: Sequence[str], lengths: ArrayLike, color, height: float = 0.8) -> None:
+    """Draw horizontal bars, the first at the top, in one color or one for each."""
+    axes.barh(range(len(names)), lengths, height, color=color)
+    axes.set_yticks(range(len(names)), names)
+    axes.yaxis.grid(False)
+    axes.set_ylim(len(names) - 0.5, -0.5, auto=None)  # marks that follow may change the limits
 
 
 def letter_panel(axes: Axes, index: int, title: str | None = None) -> None:
@@ -214,24 +253,32 @@ def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike, **options) 
     ----------
     words : array_like, shape of values
     **options
-        Options of seaborn.heatmap.
+        Options of Axes.pcolormesh.
 
     Returns
     -------
     QuadMesh
         Mappable for a color bar.
     """
-    seaborn.heatmap(values, annot=words, fmt="", cbar=False, xticklabels=True, yticklabels=True, ax=axes, **options)
-    axes.set(facecolor="#EEEEEE", xlabel=None, ylabel=None)
+    cells = np.ma.masked_invalid(values.to_numpy(float))
+    mesh = axes.pcolormesh(cells, **options)
+    rows, columns = cells.shape
+    axes.set(facecolor="#EEEEEE", xlim=(0, columns), ylim=(rows, 0))
+    axes.spines[:].set_visible(False)
     axes.tick_params(length=0)
-    axes.tick_params("y", rotation=0)
-    axes.set_xticks(axes.get_xticks(), axes.get_xticklabels(), rotation=60, ha="right", rotation_mode="anchor")
-    mesh = axes.collections[0]
-    for text in axes.texts:  # seaborn writes white letters on medium tones too
-        column, row = (int(position) for position in text.get_position())
-        dark = relative_luminance(mesh.to_rgba(values.iloc[row, column])) < DARK
-        text.set_color("white" if dark else "black")
+    axes.set_yticks(np.arange(rows) + 0.5, values.index, va="center")
+    axes.set_xticks(np.arange(columns) + 0.5, values.columns, rotation=60, ha="right", rotation_mode="anchor")
+    for (row, column), word in np.ndenumerate(np.asarray(words)):
+        if cells[row, column] is not np.ma.masked:
+            color = "white" if _luminance(mesh.to_rgba(cells[row, column])) < DARK else "black"
+            axes.text(column + 0.5, row + 0.5, word, color=color, ha="center", va="center")
     return mesh
+
+
+def _luminance(color) -> float:
+    """Return the relative luminance of a color (WCAG 2.1)."""
+    rgb = np.array(to_rgb(color))
+    return float(np.where(rgb <= 0.03928, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ (0.2126, 0.7152, 0.0722))
 
 
 def power_of_ten(values) -> tuple[float, str]:

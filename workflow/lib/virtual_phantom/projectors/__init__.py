@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+import sys
 import warnings
 from collections.abc import Callable
 
@@ -17,9 +20,20 @@ ENGINES = ("auto", "cpu", "astra_cuda")
 
 def cuda_available() -> bool:
     """Return whether ASTRA can use a CUDA device. Without a device, ASTRA's 3D algorithms end the process."""
+    if "astra" not in sys.modules and not _driver_found():  # the import of ASTRA takes 0.1 s
+        return False
     import astra
 
     return bool(astra.use_cuda())
+
+
+def _driver_found() -> bool:
+    """Return whether NVIDIA's driver is installed, without which there is no CUDA device."""
+    try:
+        ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
+    except OSError:
+        return False
+    return True
 
 
 def cupy_installed() -> bool:

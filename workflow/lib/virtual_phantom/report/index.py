@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 from markupsafe import Markup
 
-from ..features.extraction import MINIMUM_GREY_LEVELS, MINIMUM_VOXELS
+from ..features import MINIMUM_GREY_LEVELS, MINIMUM_VOXELS
 from ..figures import trust_map
 from ..io.documents import DIAGNOSIS, read_document
 from ..io.files import read_csv

@@ -28,7 +28,7 @@ from .methods import how_to_report
 
 PACKAGES = (  # packages that results depend on
     *("snakemake", "numpy", "scipy", "numba", "pandas", "pyradiomics", "SimpleITK", "nibabel", "scikit-learn"),
-    *("scikit-image", "xraylib", "spekpy", "matplotlib", "seaborn"),
+    *("scikit-image", "xraylib", "spekpy", "matplotlib"),
 )
 MOST_ROWS = 1000  # longer tables are linked but not shown
 TRUST = "trust"  # table with a row per feature and change, of which the report shows the use of each feature

@@ -17,7 +17,7 @@ from ...base.units import HU_AIR
 from ...config.config import read_study
 from ...config.plan import Plan
 from ...config.read_config import PAPER_GROUPS
-from ...features.extraction import MINIMUM_VOXELS
+from ...features import MINIMUM_VOXELS
 from ...io.schema import defaults_of
 from ...io.study_sizes import sizes
 from ...io.volumes import Volume

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.geometry import Grid
-from ...features.extraction import MINIMUM_VOXELS
+from ...features import MINIMUM_VOXELS
 from ...phantom.rois import shrink
 from .regions import Region
 

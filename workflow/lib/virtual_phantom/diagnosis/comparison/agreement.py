@@ -18,7 +18,8 @@ from scipy import stats
 
 from ...base.errors import InputError
 from ...base.geometry import Grid
-from ...features.extraction import MINIMUM_VOXELS, extract_repeats
+from ...features import MINIMUM_VOXELS
+from ...features.extraction import extract_repeats
 from ...features.names import FEATURES
 from ...statistics import MINIMUM_REPEATS
 from ...statistics.comparison import MARGIN_SD, in_sd, samples, spread

@@ -14,7 +14,6 @@ from ..fitting.nuisance import PLACE
 from ..noise.condensed import FEWEST, Blocks, Observed
 
 EDGES = "edges"  # domain of the data with the steepest slopes
-KINDS = "kinds of change"  # domain of kinds of change, without locations (verdict.unmodeled)
 ALPHA = 0.01  # family-wise level, over all domains and their locations
 EDGE_SHARE = 0.1  # share of the rays or voxels, with the steepest slopes, that count as edges
 BINS = 10  # of rays or voxels sorted by a value

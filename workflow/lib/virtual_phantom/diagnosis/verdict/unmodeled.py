@@ -19,8 +19,9 @@ from ..fitting.problem import Problem
 from ..fitting.steps import ScaledEigenvalues
 from ..fitting.templates import SMALL, whitened
 from ..noise.condensed import Observed
+from ..residuals import KINDS
 from ..residuals.dataset import Change, PieceOfObject, Prepared
-from ..residuals.residual_tests import KINDS, DomainTest, HalfResiduals
+from ..residuals.residual_tests import DomainTest, HalfResiduals
 from ..selection.forward_selection import Choice
 from ..uncertainty.prediction_error import jacobians_of_halves
 

@@ -13,8 +13,9 @@ from ..fitting.fit import Fit
 from ..fitting.model import Model
 from ..fitting.steps import interval
 from ..fitting.trial import Trial
+from ..residuals import KINDS
 from ..residuals.dataset import Change, Prepared
-from ..residuals.residual_tests import EDGES, KINDS, DomainTest, alignment_tests
+from ..residuals.residual_tests import EDGES, DomainTest, alignment_tests
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors

@@ -14,7 +14,7 @@ from ...base.geometry import Grid
 from ...base.settings import RoiEntry
 from ...base.units import HU_AIR
 from ...config.settings import Study
-from ...features.extraction import MINIMUM_VOXELS
+from ...features import MINIMUM_VOXELS
 from ...io.volumes import Volume
 from ...phantom.ct import check_fit, check_hu, draw_entry, kept_columns, make_rois, read_hu, trimmed
 from ...phantom.masks import open_regions, report_other_frame

@@ -11,6 +11,7 @@ Amounts are counted in units, each with a rate in costs.rates::
     image             images of single acquisitions
     image_voxel       voxels of all images
     image_voxel_view  voxels of all images x views, for back-projection
+    image_voxel_term  voxels of all images x terms of SIRT, each with several operations on the images
     comparison        features x ROIs x pairs of groups x repeats, for the intervals of the stability analysis
 """
 
@@ -136,12 +137,14 @@ class Sizes:
             work = {"job": 1, "ray": (2 + filters) * rays, "image_voxel_view": back_projected}
             return "reconstruct_fbp", work
         sirt = self.plan.study.reconstruction.sirt
-        steps = (sirt_updates(sirt) + 1) * rays / lanes * self.across
+        updates = sirt_updates(sirt) + 1
+        steps = updates * rays / lanes * self.across
         work = {
             "job": 1,
             "ray_step": steps * (math.ceil(lanes / REGISTER) if lanes > 1 else ONE_LANE),
             "ray_step_lane": steps * lanes,
             "image_voxel": image_voxels,
+            "image_voxel_term": image_voxels * updates,
         }
         # Another back-projector or engine has its own rates.
         if self.engine != "cpu":

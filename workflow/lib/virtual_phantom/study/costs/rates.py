@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ...base.data import shipped_yaml
 from ...base.errors import InputError
 from .jobs import Job
 
@@ -26,7 +27,7 @@ def read_rates(path: str | Path) -> dict:
         If the file is missing, has another form or a negative rate.
     """
     try:
-        rates = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        rates = shipped_yaml(Path(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except yaml.YAMLError as error:
