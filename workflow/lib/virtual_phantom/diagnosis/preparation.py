@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from ..base.errors import InputError
 from ..physics.chain import EVEN, Chain
 from ..physics.state import AIR
@@ -21,6 +23,11 @@ from .request import DiagnosisRequest, NominalSettings, nominal_settings
 from .residuals.dataset import Prepared
 from .scanned_object import binary_voxels_remark, coarse_scene
 from .workload import samples_and_step
+
+# Path lengths of rays at edges are not linear in the position and the surfaces of the object, so their changes are
+# computed again where a fit without effects puts it.
+OBJECT_LINEARIZATIONS = 2
+FIXED = 1e-7  # standard deviation of a size that is not fitted
 
 
 def prepare_recording(request: DiagnosisRequest, recording: Recording | None = None) -> tuple[Recording, Prepared]:
@@ -62,14 +69,15 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         coarse = Chain(voxels, recording.geometry, samples=samples, **detector)
     further = scans(recording.held_out) if len(recording.held_out) else None
     check_scans(taken.every(step), str(recording.document.path))
-    return prepare(
+    uncertain = StatedObject.of(request, scene)
+    ready = partial(
+        prepare,
         taken,
         further,
         model,
         anode=nominal.anode,
         tube_kvp=nominal.tube_kvp,
         nominal_photons=settings.nominal_photons or recording.nominal.get("photons"),
-        known=request.alignment(recording.nominal),
         location=settings.location,
         declared=declared(settings.baseline, BASELINE_CONFIG_KEY),
         floor_chain=floor,
@@ -77,8 +85,15 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         step=step,
         time_remark="; ".join(filter(None, (scale_note(recording.scan), view_time_note(recording.scan)))),
         voxels=binary_voxels_remark(request, scene),
-        uncertain=StatedObject.of(request, scene),
+        uncertain=uncertain,
     )
+    known = request.alignment(recording.nominal)
+    about = None
+    if uncertain is not None and uncertain.has_surfaces:
+        for _ in range(OBJECT_LINEARIZATIONS):
+            # A free size would take the place of surfaces as long as these are linear.
+            about = ready(known=known | {"size": FIXED}, about=about).fitter.fit(()).nuisance
+    return ready(known=known, about=about)
 
 
 def compare_images(recording: Recording, *arguments, **options) -> dict:

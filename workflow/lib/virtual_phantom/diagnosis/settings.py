@@ -91,7 +91,7 @@ class ObjectUncertainty:
 
     density: float = 0.01
     hu: float = 5.0
-    surface_mm: float = 0.1
+    surface_mm: float = 0.2
     materials: dict[str, float] = field(default_factory=dict)
 
     def density_of(self, material: str) -> float:
