@@ -11,11 +11,12 @@ from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from ..recordings.scan import scale_note, view_time_note
 from .comparison.scans import agreement_of_scans
+from .fitting.nuisance import POSES
 from .fitting.priors import BASELINE_CONFIG_KEY, declared
 from .images.setting import agreement_of_images, prepare_images
 from .projections.discretization import model_and_floor
 from .projections.lost_rays import check_scans
-from .projections.object_errors import StatedObject
+from .projections.object_errors import SURFACE, StatedObject
 from .projections.observed import scans
 from .projections.own_simulation import rays_of_simulation, scene_of_scan
 from .projections.prepared import PreparedScans, prepare
@@ -24,9 +25,12 @@ from .residuals.dataset import Prepared
 from .scanned_object import binary_voxels_remark, coarse_scene
 from .workload import samples_and_step
 
-# Path lengths of rays at edges are not linear in the position and the surfaces of the object, so their changes are
-# computed again where a fit without effects puts it.
+# Rays at edges are not linear in the position and the surfaces of the object. Their changes are therefore computed
+# again where a fit without effects puts it.
 OBJECT_LINEARIZATIONS = 2
+# Standard deviations of a surface beyond which physics is missing rather than the object wrong. The stated surfaces are
+# then kept.
+MOST_PULLED = 3.0
 FIXED = 1e-7  # standard deviation of a size that is not fitted
 
 
@@ -89,10 +93,14 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     )
     known = request.alignment(recording.nominal)
     about = None
-    if uncertain is not None and uncertain.has_surfaces:
-        for _ in range(OBJECT_LINEARIZATIONS):
-            # A free size would take the place of surfaces as long as these are linear.
-            about = ready(known=known | {"size": FIXED}, about=about).fitter.fit(()).nuisance
+    for _ in range(OBJECT_LINEARIZATIONS if uncertain is not None and uncertain.has_surfaces else 0):
+        # A free size would take the place of surfaces as long as these are linear.
+        fit = ready(known=known | {"size": FIXED}, about=about).fitter.fit(())
+        about = fit.nuisance
+        pulled = max((abs(pull) for name, pull in fit.pulled.items() if name.startswith(SURFACE)), default=0.0)
+        if pulled > MOST_PULLED:
+            about = {name: value for name, value in about.items() if name in POSES}
+            break
     return ready(known=known, about=about)
 
 
