@@ -27,7 +27,7 @@ from ..fitting.nuisance import Nuisance
 from ..noise.condensed import Observed
 from ..request import DiagnosisRequest
 from ..settings import ObjectUncertainty
-from .voxel_surfaces import VoxelSurfaces, growth_of, growth_of_parts, labelled_parts
+from .voxel_surfaces import Part, VoxelSurfaces, growth_of, growth_of_parts, labelled_parts
 
 DENSITY, SURFACE, HU = "density_of_", "surface_of_", "hu_near_"  # prefixes of names of parameters
 SURFACE_VOXELS = 0.25  # additional SD of surfaces of voxels that have one material or none, or HU, in voxels
@@ -54,7 +54,7 @@ MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
 #   scans with voxels of half a pixel (seed 102).
 # - of shares: the position follows from the share and its gradient. Measured for random bodies: 0.011 to 0.019 (seed
 #   102); with 1/60, scatter stood out in two of five scans with voxels of half a pixel.
-UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 0.25, 1 / 30
+UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 2.0, 1 / 30
 EDGE_SHARE = 0.01  # of the largest variance by unknown edges, above which correlations of rays are estimated
 LEAST_CORRELATION = 0.1  # up to this correlation, neighbors vary together
 KEPT = 2  # whitened changes: of the fitted and of the held-out data
@@ -224,22 +224,20 @@ class StatedObject:
         """Standard deviation of the size of a homogeneous object, which has no other error of its surface."""
         return {} if self.has_surfaces else {"size": self._surface_mm / self.scene.radius_mm}
 
-    @property
+    @cached_property
     def has_surfaces(self) -> bool:
-        """Whether surfaces of parts are parameters."""
-        return self.phantom is not None or not self._is_homogeneous
+        """Whether surfaces of parts are parameters: not for a homogeneous object without holes."""
+        if self.phantom is not None or len(self.scene.materials) > 1:
+            return True
+        if isinstance(self.scene, ShapesScene):
+            return any(shape.material == NOTHING for shape in self.scene.shapes)
+        binary = isinstance(self.scene, GridScene) and self.scene.is_binary
+        return binary and any(part.material == NOTHING for part in self._parts.values())
 
-    @property
-    def _is_homogeneous(self) -> bool:
-        """Whether the object has one material and no shape of a hole."""
-        return len(self.scene.materials) == 1 and NOTHING not in self._of_surfaces
-
-    @property
-    def _of_surfaces(self) -> list[Material]:
-        """Materials whose surfaces are uncertain; shapes of holes are one of them."""
-        shapes = self.scene.shapes if isinstance(self.scene, ShapesScene) else ()
-        holes = any(shape.material == NOTHING for shape in shapes)
-        return [*self.scene.materials, *([NOTHING] if holes else [])]
+    @cached_property
+    def _parts(self) -> dict[str, Part]:
+        """Parts of voxels with materials."""
+        return labelled_parts(self._best, MOST_PARTS_WITH_ERRORS)
 
     @property
     def _surface_mm(self) -> float:
@@ -348,7 +346,7 @@ class StatedObject:
         best, spacing = self._best, self._best.grid.spacing
         mu = dict(zip(best.materials, best.attenuation_per_mm.astype(np.float32), strict=True))
         total = np.tensordot(np.array(list(mu.values())), best.amounts, 1)
-        parts = labelled_parts(best, MOST_PARTS_WITH_ERRORS)
+        parts = self._parts
         densities = {
             Nuisance(DENSITY + name, "1", 0.0, self.uncertainty.density_of(str(part.material))): (
                 mu[part.material] * part.share
