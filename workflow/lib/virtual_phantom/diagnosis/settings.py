@@ -84,7 +84,7 @@ class ObjectUncertainty:
     hu : float
         HU of a phantom.
     surface_mm : float
-        Location of the surface of each material of a label map or of shapes, mm.
+        Location of the surface of each part, mm.
     materials : dict of str to float
         {material: relative standard deviation of its density}, which replaces `density`.
     """

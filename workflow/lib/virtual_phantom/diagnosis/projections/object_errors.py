@@ -1,7 +1,7 @@
 """Errors of the stated object: density of each material, HU of a phantom, and location of edges.
 
 Each error is a nuisance parameter with a Gaussian prior that changes the line integrals linearly. Its change per unit
-is computed once, at the expected location of the object, so that fits need no further projection.
+is computed where a first fit puts the object and its surfaces, so that later fits need no further projection.
 """
 
 from __future__ import annotations
