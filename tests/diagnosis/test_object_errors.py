@@ -1,5 +1,6 @@
 """Errors of the stated object: templates in closed form, fits within their priors, and alternatives to effects."""
 
+from dataclasses import replace
 from functools import cache
 
 import jsonschema
@@ -19,6 +20,7 @@ from virtual_phantom.diagnosis.planning.ranking import conditions_of
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.projections.object_errors import StatedObject
+from virtual_phantom.diagnosis.projections.voxel_surfaces import VoxelSurfaces, growth_of
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.scanned_object import labelled_scene
@@ -74,14 +76,15 @@ def content(exact, denser=1.0, scatter=0.0):
 
 
 def test_the_change_by_a_density_is_the_line_integral_of_its_material():
-    errors = StatedObject(shapes_scene(), ObjectUncertainty(), MU_WATER).errors(GEOMETRY, 1)
+    narrow = replace(GEOMETRY, column_pitch_mm=1.0)
+    errors = StatedObject(shapes_scene(), ObjectUncertainty(), MU_WATER).errors(narrow, 1)
     assert errors.names == ("density_of_water", "density_of_teflon", "surface_of_water", "surface_of_teflon")
     through = errors.changes[:, 6, :, 20].mean(axis=1)  # a view along x, through both centers
     water, teflon = (attenuation_per_mm(material, [60.0])[0] for material in ("water", TEFLON))
     assert through[:2] == pytest.approx([water * 140, teflon * 40], rel=1e-3)
     assert through[2:] == pytest.approx([2 * water, 2 * (teflon - water)], rel=1e-2)
     scene = ShapesScene([cylinder("water", (0, 0, 0), 90), cylinder("nothing", (50, 0, 0), 20)])
-    errors = StatedObject(scene, ObjectUncertainty(), MU_WATER).errors(GEOMETRY, 1)
+    errors = StatedObject(scene, ObjectUncertainty(), MU_WATER).errors(narrow, 1)
     assert errors.names == ("density_of_water", "surface_of_water", "surface_of_nothing")
     assert errors.changes[1:, 6, :, 20].mean(axis=1) == pytest.approx([2 * water, -2 * water], rel=1e-2)
 
@@ -155,7 +158,7 @@ def test_surfaces_of_a_phantom_in_hu_grow_by_part():
     through = {name: change[6, :, 20].mean() for name, (_, change) in found.items() if name.startswith("surface_of_")}
     expected = {"body": 2, "air inside 1": -2, "dense part 1": 1.6}  # along x, through both walls
     assert through == pytest.approx({f"surface_of_{key}": MU_WATER * n for key, n in expected.items()}, rel=0.02)
-    assert found["surface_of_body"][0] == pytest.approx(np.hypot(0.1, 0.25 * 2))
+    assert found["surface_of_body"][0] == pytest.approx(np.hypot(0.2, 0.25 * 2))
 
 
 def test_a_material_that_the_object_does_not_have_is_rejected():
@@ -261,3 +264,32 @@ def test_sharp_edges_in_voxels_are_a_match(tmp_path, voxel_mm):
         verdicts.append(find_missing_physics("bench", data, ("scatter",), accuracy).content["verdict"])
     assert verdicts[0] == "match"
     assert verdicts[1] != "match"
+
+
+def test_large_errors_of_surfaces_are_exact_where_they_are_linearized():
+    stated = {"surface_of_water": -0.3, "surface_of_teflon": 0.25, "density_of_teflon": 0.02}
+    denser = Mixture("teflon", 1.02 * TEFLON.density_g_per_cm3, "C2F4")
+    scanned = ShapesScene([cylinder("water", (0, 0, 0), 89.7), cylinder(denser, (50, 0, 0), 20.25)])
+    lines = [Chain(scene, GEOMETRY, samples=16).state({}).line_integrals() for scene in (shapes_scene(), scanned)]
+    left = []
+    for about in (None, stated):
+        errors = StatedObject(shapes_scene(), ObjectUncertainty(), MU_WATER).errors(GEOMETRY, 4, about=about)
+        found = errors.lines({name: stated.get(name, 0.0) for name in errors.names})
+        left.append(np.std(found - (lines[1] - lines[0])) / np.std(lines[1] - lines[0]))
+    assert left[0] > 0.05
+    assert left[1] < 1e-4
+
+
+def test_displaced_surfaces_of_voxels_follow_a_grown_disc():
+    side = (np.arange(960) + 0.5) / 16 - 30
+    disc, larger = (
+        (np.hypot(side - 0.3, side[:, None] + 0.2) < radius).reshape(60, 16, 60, 16).mean(axis=(1, 3))[None]
+        for radius in (20.0, 20.8)
+    )
+    voxel = (1.0, 1.0, 1.0)
+    surfaces = VoxelSurfaces(disc, {"disc": growth_of(disc, disc, voxel)}, voxel)
+    grown = surfaces.grown({"disc": 0.8})
+    linear = disc + 0.8 * surfaces.growth["disc"]
+    errors = [np.std((found - larger).sum(axis=1)) for found in (grown.values, linear)]
+    assert grown.values.sum() - disc.sum() == pytest.approx(larger.sum() - disc.sum(), rel=0.05)
+    assert errors[0] < 0.25 * errors[1]

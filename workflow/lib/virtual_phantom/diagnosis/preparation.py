@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from ..base.errors import InputError
 from ..physics.chain import EVEN, Chain
 from ..physics.state import AIR
@@ -9,11 +11,12 @@ from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from ..recordings.scan import scale_note, view_time_note
 from .comparison.scans import agreement_of_scans
+from .fitting.nuisance import POSES
 from .fitting.priors import BASELINE_CONFIG_KEY, declared
 from .images.setting import agreement_of_images, prepare_images
 from .projections.discretization import model_and_floor
 from .projections.lost_rays import check_scans
-from .projections.object_errors import StatedObject
+from .projections.object_errors import SURFACE, StatedObject
 from .projections.observed import scans
 from .projections.own_simulation import rays_of_simulation, scene_of_scan
 from .projections.prepared import PreparedScans, prepare
@@ -21,6 +24,14 @@ from .request import DiagnosisRequest, NominalSettings, nominal_settings
 from .residuals.dataset import Prepared
 from .scanned_object import binary_voxels_remark, coarse_scene
 from .workload import samples_and_step
+
+# Rays at edges are not linear in the position and the surfaces of the object. Their changes are therefore computed
+# again where a fit without effects puts it.
+OBJECT_LINEARIZATIONS = 2
+# Standard deviations of a surface beyond which physics is missing rather than the object wrong. The stated surfaces are
+# then kept.
+MOST_PULLED = 3.0
+FIXED = 1e-7  # standard deviation of a size that is not fitted
 
 
 def prepare_recording(request: DiagnosisRequest, recording: Recording | None = None) -> tuple[Recording, Prepared]:
@@ -62,14 +73,15 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         coarse = Chain(voxels, recording.geometry, samples=samples, **detector)
     further = scans(recording.held_out) if len(recording.held_out) else None
     check_scans(taken.every(step), str(recording.document.path))
-    return prepare(
+    uncertain = StatedObject.of(request, scene)
+    ready = partial(
+        prepare,
         taken,
         further,
         model,
         anode=nominal.anode,
         tube_kvp=nominal.tube_kvp,
         nominal_photons=settings.nominal_photons or recording.nominal.get("photons"),
-        known=request.alignment(recording.nominal),
         location=settings.location,
         declared=declared(settings.baseline, BASELINE_CONFIG_KEY),
         floor_chain=floor,
@@ -77,8 +89,19 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         step=step,
         time_remark="; ".join(filter(None, (scale_note(recording.scan), view_time_note(recording.scan)))),
         voxels=binary_voxels_remark(request, scene),
-        uncertain=StatedObject.of(request, scene),
+        uncertain=uncertain,
     )
+    known = request.alignment(recording.nominal)
+    about = None
+    for _ in range(OBJECT_LINEARIZATIONS if uncertain is not None and uncertain.has_surfaces else 0):
+        # A free size would take the place of surfaces as long as these are linear.
+        fit = ready(known=known | {"size": FIXED}, about=about).fitter.fit(())
+        about = fit.nuisance
+        pulled = max((abs(pull) for name, pull in fit.pulled.items() if name.startswith(SURFACE)), default=0.0)
+        if pulled > MOST_PULLED:
+            about = {name: value for name, value in about.items() if name in POSES}
+            break
+    return ready(known=known, about=about)
 
 
 def compare_images(recording: Recording, *arguments, **options) -> dict:

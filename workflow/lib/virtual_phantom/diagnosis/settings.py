@@ -84,14 +84,14 @@ class ObjectUncertainty:
     hu : float
         HU of a phantom.
     surface_mm : float
-        Location of the surface of each material of a label map or of shapes, mm.
+        Location of the surface of each part, mm.
     materials : dict of str to float
         {material: relative standard deviation of its density}, which replaces `density`.
     """
 
     density: float = 0.01
     hu: float = 5.0
-    surface_mm: float = 0.1
+    surface_mm: float = 0.2
     materials: dict[str, float] = field(default_factory=dict)
 
     def density_of(self, material: str) -> float:

@@ -1,17 +1,17 @@
 """Errors of the stated object: density of each material, HU of a phantom, and location of edges.
 
 Each error is a nuisance parameter with a Gaussian prior that changes the line integrals linearly. Its change per unit
-is computed once, at the expected location of the object, so that fits need no further projection.
+is computed where a first fit puts the object and its surfaces, so that later fits need no further projection.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
-from scipy import ndimage
 
 from ...base.errors import InputError, did_you_mean
 from ...base.geometry import ScanGeometry
@@ -22,22 +22,23 @@ from ...io.volumes import Volume, read_nifti
 from ...physics.beam.materials import Material
 from ...physics.scenes.sampling import average_rays, supersampled
 from ...physics.scenes.scene import GridScene, Scene, VoxelScene
-from ...physics.scenes.shapes import NOTHING, ShapesScene
+from ...physics.scenes.shapes import NOTHING, Shape, ShapesScene
 from ..fitting.nuisance import Nuisance
 from ..noise.condensed import Observed
 from ..request import DiagnosisRequest
 from ..settings import ObjectUncertainty
+from .voxel_surfaces import Part, VoxelSurfaces, growth_of, growth_of_parts, labelled_parts
 
 DENSITY, SURFACE, HU = "density_of_", "surface_of_", "hu_near_"  # prefixes of names of parameters
 SURFACE_VOXELS = 0.25  # additional SD of surfaces of voxels that have one material or none, or HU, in voxels
 STEP_MM = 0.05  # growth of shapes for derivatives
+MOST_PARTS_WITH_ERRORS = 12  # shapes or parts of labels that have errors of their own; otherwise each material
+# Factor of the rays per pixel along columns for errors of shapes, whose edges are sharp. The chain's correction for its
+# rays (discretization.FINER_OF_SHAPES) corrects the stated object by as many.
+FINER_COLUMNS = 4
 # HU at which the error of a phantom in HU is a parameter; linear between them. Soft tissues differ by 20 HU or more.
 NODES_HU = (-1000, -700, -300, -100, -50, 0, 25, 50, 75, 100, 150, 250, 500, 1000, 2000)
 DENSE_HU = 150  # from here on the relative error of the density adds to the error in HU
-EMPTY_HU = -500  # below it is air; the surface of the body is halfway between soft tissue and air
-CONTRAST_HU = 40  # of parts within the body, from its median
-# Parts of a phantom whose surfaces move on their own: the two largest ones of each kind, and all others together.
-MOST_PARTS_OF_KIND, SURFACE_REACH = 3, 2  # voxels from a part, in which edges belong to it
 # Changes of the line integrals of voxels, from one scene to another, and their amplitude, mean and standard deviation.
 # - edge_blur: by a blur of sharp edges with a variance of half a squared voxel.
 # - sharp_edges: by sharp interfaces within voxels; 0 for an object with blurred edges.
@@ -65,16 +66,17 @@ class Edges:
 
     Parameters
     ----------
+    best : GridScene
+        The scene with partial volumes.
     shares : bool
         Whether amounts of the scene are shares of voxels; otherwise it is a phantom in HU.
     """
 
-    def __init__(self, scene: GridScene, shares: bool, geometry: ScanGeometry, samples: int):
+    def __init__(self, scene: GridScene, best: GridScene, shares: bool, geometry: ScanGeometry, samples: int):
         self._geometry, self._samples, self._kept = geometry, samples, LRUCache(KEPT_EDGES)
         parts = parts_of_voxels(scene, geometry)
         binary = shares and scene.is_binary
         self.names = tuple(EDGES) if binary or max(parts) > 1 else ("edge_blur",)
-        best = scene.with_partial_volumes() if binary else scene
         sharp = best.attenuation(parts, shares)
         self._scenes = {
             "told": scene.attenuation(),
@@ -121,6 +123,8 @@ class ObjectErrors:
         One for each error of a density or HU.
     changes : ndarray of float32, shape (numbers, views, rows, columns)
         Change of line integrals per unit.
+    constant : ndarray or float
+        Change of line integrals that is added, so that the sum is exact where it was linearized.
     edges : Edges or None
         Edges of voxels, whose changes are fitted as numerical distortions.
     stated : StatedObject or None
@@ -129,6 +133,7 @@ class ObjectErrors:
 
     numbers: tuple[Nuisance, ...] = ()
     changes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1, 1, 1), np.float32))
+    constant: np.ndarray | float = 0.0
     edges: Edges | None = None
     stated: StatedObject | None = None
     _kept: LRUCache = field(default_factory=lambda: LRUCache(KEPT), repr=False)
@@ -159,7 +164,7 @@ class ObjectErrors:
     def lines(self, nuisance: Mapping[str, float]) -> np.ndarray:
         """Return the change of the line integrals, shape (views, rows, columns)."""
         values = tuple(nuisance[name] for name in self.names)
-        return self._kept.get(values, lambda: np.tensordot(values, self.changes, 1))
+        return self._kept.get(values, lambda: np.tensordot(values, self.changes, 1) + self.constant)
 
 
 @dataclass(frozen=True)
@@ -176,6 +181,7 @@ class StatedObject:
     uncertainty: ObjectUncertainty
     mu_water_per_mm: float
     phantom: Volume | None = None
+    _kept: LRUCache = field(default_factory=lambda: LRUCache(1), repr=False)
 
     @classmethod
     def of(cls, request: DiagnosisRequest, scene: Scene) -> StatedObject | None:
@@ -186,8 +192,15 @@ class StatedObject:
         phantom = read_nifti(request.phantom) if settings.of_phantom else None
         return cls(scene, settings.object_uncertainty, request.mu_water_per_mm, phantom)
 
-    def errors(self, geometry: ScanGeometry, samples: int, pose: Pose = IN_PLACE) -> ObjectErrors:
+    def errors(
+        self, geometry: ScanGeometry, samples: int, pose: Pose = IN_PLACE, about: Mapping[str, float] | None = None
+    ) -> ObjectErrors:
         """Return the errors of the object in a scan with `samples` rays per pixel and direction.
+
+        Parameters
+        ----------
+        about : mapping of str to float, optional
+            Errors of the object about which its line integrals are linearized; 0 for errors without a value.
 
         Raises
         ------
@@ -204,30 +217,28 @@ class StatedObject:
                 raise InputError(
                     f"object_uncertainty.materials: the object has no material '{name}'; {did_you_mean(name, names)}"
                 )
-        return ObjectErrors(*self.amounts(geometry, samples, pose), self._edges(geometry, samples), self)
+        amounts = self.amounts(geometry, samples, pose, about)
+        return ObjectErrors(*amounts, self._edges(geometry, samples), self)
 
     @property
     def alignment(self) -> dict[str, float]:
-        """Standard deviation of the size of a homogeneous object, and of a phantom in HU.
+        """Standard deviation of the size of a homogeneous object, which has no other error of its surface."""
+        return {} if self.has_surfaces else {"size": self._surface_mm / self.scene.radius_mm}
 
-        Changes by surfaces are linear. For a surface of a phantom that is wrong by 0.28 pixels, they leave a difference
-        like that of a wrong source distance (log score 17), unless the size is uncertain, too (0.4).
-        """
-        if self.phantom is None and not self._is_homogeneous:
-            return {}
-        return {"size": self._surface_mm / self.scene.radius_mm}
+    @cached_property
+    def has_surfaces(self) -> bool:
+        """Whether surfaces of parts are parameters: not for a homogeneous object without holes."""
+        if self.phantom is not None or len(self.scene.materials) > 1:
+            return True
+        if isinstance(self.scene, ShapesScene):
+            return any(shape.material == NOTHING for shape in self.scene.shapes)
+        binary = isinstance(self.scene, GridScene) and self.scene.is_binary
+        return binary and any(part.material == NOTHING for part in self._parts.values())
 
-    @property
-    def _is_homogeneous(self) -> bool:
-        """Whether the object has one material and no shape of a hole."""
-        return len(self.scene.materials) == 1 and NOTHING not in self._of_surfaces
-
-    @property
-    def _of_surfaces(self) -> list[Material]:
-        """Materials whose surfaces are uncertain; shapes of holes are one of them."""
-        shapes = self.scene.shapes if isinstance(self.scene, ShapesScene) else ()
-        holes = any(shape.material == NOTHING for shape in shapes)
-        return [*self.scene.materials, *([NOTHING] if holes else [])]
+    @cached_property
+    def _parts(self) -> dict[str, Part]:
+        """Parts of voxels with materials."""
+        return labelled_parts(self._best, MOST_PARTS_WITH_ERRORS)
 
     @property
     def _surface_mm(self) -> float:
@@ -246,82 +257,132 @@ class StatedObject:
         fine = self.phantom is not None and max(parts_of_voxels(self.scene, geometry)) == 1
         if fine or not isinstance(self.scene, GridScene):
             return None
-        return Edges(self.scene, self.phantom is None, geometry, samples)
+        key = geometry.key, samples
+        return self._kept.get(key, lambda: Edges(self.scene, self._best, self.phantom is None, geometry, samples))
 
-    def amounts(self, geometry: ScanGeometry, samples: int, pose: Pose) -> tuple[tuple[Nuisance, ...], np.ndarray]:
-        """Return the errors of densities or HU, and their changes."""
+    @cached_property
+    def _best(self) -> GridScene:
+        """Scene of voxels with partial volumes; of materials with a margin, into which surfaces may grow."""
+        scene = self.scene
         if self.phantom is not None:
-            scene, numbers = self._errors_of_phantom()
-            per_mm = np.float32(self.mu_water_per_mm / 1000)
-            return tuple(numbers), per_mm * _lengths(scene, geometry, samples, pose)
-        if not self._is_homogeneous:  # whose density and size are those of the alignment
-            return self._of_materials(geometry, samples, pose)
-        return (), np.zeros((0, *geometry.shape), np.float32)
+            return scene
+        if scene.is_binary:
+            return scene.with_partial_volumes()
+        return scene.with_amounts(np.pad(scene.amounts, ((0, 0), (0, 0), (1, 1), (1, 1))))
 
-    def _of_materials(
-        self, geometry: ScanGeometry, samples: int, pose: Pose
-    ) -> tuple[tuple[Nuisance, ...], np.ndarray]:
-        """Return the errors of density and surface of each material, and their changes."""
-        scene, uncertainty = self.scene, self.uncertainty
-        names, mu = list(map(str, scene.materials)), scene.attenuation_per_mm[:, None, None, None].astype(np.float32)
-        densities = [Nuisance(DENSITY + name, "1", 0.0, uncertainty.density_of(name)) for name in names]
-        surfaces = [Nuisance(f"{SURFACE}{of}", "mm", 0.0, self._surface_mm) for of in self._of_surfaces]
-        lengths = _lengths(scene, geometry, samples, pose)
-        if isinstance(scene, ShapesScene):
-            grown = (scene.grown(material, STEP_MM) for material in self._of_surfaces)
-            steps = [(_lengths(other, geometry, samples, pose) - lengths) / STEP_MM for other in grown]
-            growth = np.stack([(mu * step).sum(axis=0) for step in steps])
+    @cached_property
+    def _of_volumes(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
+        """Change of the attenuation per unit of each error of a density or HU, 1/mm, and the surfaces."""
+        return self._of_labels() if self.phantom is None else self._of_phantom()
+
+    def amounts(
+        self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float] | None = None
+    ) -> tuple[tuple[Nuisance, ...], np.ndarray, np.ndarray | float]:
+        """Return the errors of densities or HU, their changes, and the constant of ObjectErrors."""
+        if not self.has_surfaces:  # whose density and size are those of the alignment
+            return (), np.zeros((0, *geometry.shape), np.float32), 0.0
+        if isinstance(self.scene, ShapesScene):
+            return self._of_shapes(geometry, samples, pose, about or {})
+        return self._of_grid(geometry, samples, pose, about or {})
+
+    def _of_shapes(
+        self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float]
+    ) -> tuple[tuple[Nuisance, ...], np.ndarray, np.ndarray | float]:
+        """Return the errors of density and surface of each shape, their changes, and the constant of ObjectErrors."""
+        scene, parts = self.scene, parts_of_shapes(self.scene.shapes)
+        of_shape = {index: name for name, indices in parts.items() for index in indices}
+        material = {name: scene.shapes[indices[0]].material for name, indices in parts.items()}
+        # A scene with the parts in place of materials, for the path length in each of them.
+        shapes = [
+            shape if shape.material == NOTHING else replace(shape, material=of_shape[index])
+            for index, shape in enumerate(scene.shapes)
+        ]
+        divided = ShapesScene(shapes, scene.energy_kev, scene.threads)
+        listed = dict(zip(scene.materials, scene.attenuation_per_mm, strict=True))
+        mu = np.array([listed[material[name]] for name in divided.materials], np.float32)
+        sds = [self.uncertainty.density_of(str(material[name])) for name in divided.materials]
+        densities = [Nuisance(DENSITY + name, "1", 0.0, sd) for name, sd in zip(divided.materials, sds, strict=True)]
+        surfaces = [Nuisance(SURFACE + name, "mm", 0.0, self._surface_mm) for name in parts]
+        grown = {name: about.get(SURFACE + name, 0.0) for name in parts}
+        denser = mu * (1 + np.array([about.get(number.name, 0.0) for number in densities]))
+
+        def lines(by: Mapping[str, float], attenuation: np.ndarray) -> np.ndarray:
+            """Return line integrals as a detector measures them, from the mean transmission of the rays of a pixel."""
+            scene = divided.grown([by.get(of_shape[index], 0.0) for index in range(len(shapes))])
+            transmitted = sum(
+                average_rays(np.exp(-np.tensordot(attenuation, scene.path_lengths(rays, pose), 1)), weights)
+                for rays, weights in supersampled(geometry, samples, FINER_COLUMNS * samples)
+            )
+            return -np.log(transmitted)
+
+        here = lines(grown, denser)
+        steps = [grown | {name: grown[name] + STEP_MM} for name in parts]
+        growth = np.stack([(lines(step, denser) - here) / STEP_MM for step in steps])
+        scene = divided.grown([grown[of_shape[index]] for index in range(len(shapes))])
+        through = mu[:, None, None, None] * _lengths(scene, geometry, samples, pose, FINER_COLUMNS)
+        changes = np.concatenate([through, growth]).astype(np.float32)
+        values = [about.get(number.name, 0.0) for number in (*densities, *surfaces)]
+        constant = here - lines({}, mu) - np.tensordot(values, changes, 1) if any(values) else 0.0
+        return (*densities, *surfaces), changes, constant
+
+    def _of_grid(
+        self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float]
+    ) -> tuple[tuple[Nuisance, ...], np.ndarray, np.ndarray | float]:
+        """Return the errors of density or HU and of surfaces of voxels, as `_of_shapes`."""
+        errors, surfaces = self._of_volumes
+        by_mm = {name: about.get(SURFACE + name, 0.0) for name in surfaces.growth}
+        moved = surfaces.grown(by_mm)
+        numbers = (*errors, *(Nuisance(SURFACE + name, "mm", 0.0, self._surface_mm) for name in by_mm))
+        volumes = np.stack([*errors.values(), *moved.growth.values(), moved.values - surfaces.values])
+        if self.phantom is None:
+            scene = self._best.with_amounts(volumes)
         else:
-            growth = _lengths(scene.growth(), geometry, samples, pose)
-        return (*densities, *surfaces), np.concatenate([mu * lengths, growth])
+            names = ("water",) * len(volumes)
+            scene = VoxelScene(volumes, self.phantom.grid, names, self.scene.energy_kev, self.scene.threads)
+        lines = _lengths(scene, geometry, samples, pose)
+        linear = np.tensordot(list(by_mm.values()), lines[len(errors) : -1], 1)
+        return numbers, lines[:-1], lines[-1] - linear
 
-    def _errors_of_phantom(self) -> tuple[Scene, list[Nuisance]]:
-        """Return a scene with the change of the phantom, 1000 times relative to water, per unit of each parameter."""
-        hu, scene = self.phantom.array, self.scene
-        shares = np.stack([np.interp(hu, NODES_HU, tent).astype(np.float32) for tent in np.eye(len(NODES_HU))[1:]])
-        nodes, there = np.array(NODES_HU[1:]), shares.any(axis=(1, 2, 3))
-        density = self.uncertainty.density * np.where(nodes > DENSE_HU, nodes + 1000, 0)
-        sds = np.hypot(self.uncertainty.hu, density)[there]
-        numbers = [Nuisance(f"{HU}{node}", "HU", 0.0, float(sd)) for node, sd in zip(nodes[there], sds, strict=True)]
-        surfaces = growth_of_parts(hu, self.phantom.grid.spacing)
-        numbers += [Nuisance(SURFACE + name, "mm", 0.0, self._surface_mm) for name in surfaces]
-        changes = np.concatenate([shares[there], *(change[None] for change in surfaces.values())])
-        materials = ("water",) * len(numbers)
-        return VoxelScene(changes, self.phantom.grid, materials, scene.energy_kev, scene.threads), numbers
+    def _of_labels(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
+        best, spacing = self._best, self._best.grid.spacing
+        mu = dict(zip(best.materials, best.attenuation_per_mm.astype(np.float32), strict=True))
+        total = np.tensordot(np.array(list(mu.values())), best.amounts, 1)
+        parts = self._parts
+        densities = {
+            Nuisance(DENSITY + name, "1", 0.0, self.uncertainty.density_of(str(part.material))): (
+                mu[part.material] * part.share
+            )
+            for name, part in parts.items()
+            if part.material != NOTHING
+        }
+        growth = {name: growth_of(part.share, total, spacing) for name, part in parts.items()}
+        return densities, VoxelSurfaces(total, growth, spacing)
+
+    def _of_phantom(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
+        hu, per_hu = np.maximum(self.phantom.array, HU_AIR), np.float32(self.mu_water_per_mm / 1000)
+        errors, spacing = {}, self.phantom.grid.spacing
+        for node, tent in zip(NODES_HU[1:], np.eye(len(NODES_HU))[1:], strict=True):
+            share = np.interp(self.phantom.array, NODES_HU, tent).astype(np.float32)
+            density = self.uncertainty.density * (node + 1000) if node > DENSE_HU else 0.0
+            if share.any():
+                number = Nuisance(f"{HU}{node}", "HU", 0.0, float(np.hypot(self.uncertainty.hu, density)))
+                errors[number] = per_hu * share
+        growth = {name: per_hu * change for name, change in growth_of_parts(hu, spacing).items()}
+        return errors, VoxelSurfaces(per_hu * hu, growth, spacing)
 
 
-def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> dict[str, np.ndarray]:
-    """Return the change of a phantom if the surface of a part grows, HU/mm, by name of the part.
-
-    Parts are the body, air within it, and parts of another density. Other edges are left to the errors of HU.
-    """
-    axes = [axis for axis in range(3) if hu.shape[axis] > 1]
-    slopes = np.gradient(np.maximum(hu, HU_AIR), *(spacing_mm[axis] for axis in axes), axis=axes)
-    steep = np.sqrt(sum(slope**2 for slope in (slopes if len(axes) > 1 else [slopes]))).astype(np.float32)
-    empty, _ = ndimage.label(hu < EMPTY_HU)
-    border = np.concatenate([np.take(empty, end, axis).ravel() for axis in (1, 2) for end in (0, -1)])
-    outside = np.isin(empty, np.setdiff1d(border, 0))
-    parts, found = [("body", ~outside, 1)], {}
-    tissue = ~ndimage.binary_dilation(empty > 0, iterations=SURFACE_REACH)
-    middle = float(np.median(hu[tissue])) if tissue.any() else 0.0
-    inside = {
-        "air inside": ((empty > 0) & ~outside, -1),
-        "dense part": (ndimage.binary_opening(tissue & (hu > middle + CONTRAST_HU)), 1),
-        "light part": (ndimage.binary_opening(tissue & (hu < middle - CONTRAST_HU)), -1),
+def parts_of_shapes(shapes: Sequence[Shape]) -> dict[str, list[int]]:
+    """Return the indices of the shapes that have errors of their own, by name: single shapes, or all of a material."""
+    of_material: dict[Material, list[int]] = {}
+    for index, shape in enumerate(shapes):
+        of_material.setdefault(shape.material, []).append(index)
+    if len(shapes) > MOST_PARTS_WITH_ERRORS:
+        return {str(material): indices for material, indices in of_material.items()}
+    return {
+        str(material) if len(indices) == 1 else f"{material} {number}": [index]
+        for material, indices in of_material.items()
+        for number, index in enumerate(indices, 1)
     }
-    for kind, (voxels, sign) in inside.items():
-        labels, count = ndimage.label(voxels)
-        largest = np.argsort(-np.bincount(labels.ravel())[1:])[: MOST_PARTS_OF_KIND - 1] + 1
-        parts += [(f"{kind} {rank}", labels == one, sign) for rank, one in enumerate(largest, 1)]
-        if count > len(largest):
-            parts.append((f"{kind} {MOST_PARTS_OF_KIND}", (labels > 0) & ~np.isin(labels, largest), sign))
-    for name, part, sign in parts:
-        near = ndimage.binary_dilation(part, iterations=SURFACE_REACH)
-        near &= ndimage.binary_dilation(~part, iterations=SURFACE_REACH)
-        if near.any():
-            found[name] = sign * np.where(near, steep, 0)
-            steep = np.where(near, 0, steep)
-    return found
 
 
 def parts_of_voxels(scene: GridScene, geometry: ScanGeometry) -> tuple[int, int, int]:
@@ -352,13 +413,14 @@ def words_of(name: str, error: float) -> str:
         return f"voxels near {name.removeprefix(HU)} HU that are {abs(error):.2g} HU {denser} than stated"
     if name.startswith(SURFACE):
         larger, of = "larger" if error > 0 else "smaller", name.removeprefix(SURFACE)
-        return f"{'holes' if of == NOTHING else of} with a surface that is {abs(error):.2g} mm {larger} than stated"
+        part = of.replace(NOTHING, "hole", 1) if of.startswith(NOTHING) else of
+        return f"{part} with a surface that is {abs(error):.2g} mm {larger} than stated"
     return f"{name.removeprefix(DENSITY)} that is {100 * abs(error):.2g} % {denser} than stated"
 
 
-def _lengths(scene: Scene, geometry: ScanGeometry, samples: int, pose: Pose) -> np.ndarray:
+def _lengths(scene: Scene, geometry: ScanGeometry, samples: int, pose: Pose, finer_columns: int = 1) -> np.ndarray:
     """Return mean path lengths of the rays of each pixel, mm, float32, shape (materials, views, rows, columns)."""
     return sum(
         average_rays(scene.path_lengths(rays, pose), weights).astype(np.float32)
-        for rays, weights in supersampled(geometry, samples)
+        for rays, weights in supersampled(geometry, samples, finer_columns * samples)
     )

@@ -236,6 +236,7 @@ def prepare(
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
     location: Mapping[str, float] | None = None,
     uncertain: StatedObject | None = None,
+    about: Mapping[str, float] | None = None,
 ) -> PreparedScans:
     """Estimate noise, numerical errors and alignment of a recording.
 
@@ -260,6 +261,8 @@ def prepare(
         See fitting.nuisance.nuisances.
     uncertain : StatedObject, optional
         Uncertainty of the object; None: the object is exact.
+    about : mapping of str to float, optional
+        Nuisance parameters at which errors of the object and of edges are linearized; None: the expected ones.
 
     Raises
     ------
@@ -304,10 +307,13 @@ def prepare(
     whole = observe(taken, reference, blocks)
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
-    errors = ObjectErrors() if uncertain is None else uncertain.errors(chain.geometry, chain.samples, place)
-    left = numerical.left(LinearizationPoint({}, location or {}))
+    linearized = LinearizationPoint.of({}, about or location or {})
+    errors, found = ObjectErrors(), pose_of(linearized.nuisance)
+    if uncertain is not None:
+        errors = uncertain.errors(chain.geometry, chain.samples, found, about)
+    left = numerical.left(linearized)
     if errors.edges is not None:
-        left = (*left, errors.edges.unknown(place))
+        left = (*left, errors.edges.unknown(found))
     fitted, held, words = split(taken, further)
     if single:
         correlations = of_state(chain.state(stated, place, photons=photons, anode=anode))

@@ -35,7 +35,9 @@ def _gauss_legendre(count: int) -> list[tuple[float, float]]:
 
 
 @cache
-def pixel_quadrature(samples: int, of_rows: bool = True) -> tuple[tuple[tuple[float, float], float], ...]:
+def pixel_quadrature(
+    samples: int, of_rows: bool = True, of_columns: int | None = None
+) -> tuple[tuple[tuple[float, float], float], ...]:
     """Return points within a pixel and their weights.
 
     With Gauss-Legendre nodes, two rays per direction blur as the whole pixel does (equal second moments). Equidistant
@@ -47,14 +49,16 @@ def pixel_quadrature(samples: int, of_rows: bool = True) -> tuple[tuple[tuple[fl
         Rays per direction.
     of_rows : bool, optional
         False for a detector of one row (fan beam), whose rays stay in the plane.
+    of_columns : int, optional
+        Rays along the columns; None: `samples`.
 
     Returns
     -------
     tuple of tuple
         ((column, row) from the pixel's center in pixels, weight).
     """
-    columns = _gauss_legendre(samples)
-    rows = columns if of_rows else [(0.0, 1.0)]
+    columns = _gauss_legendre(of_columns or samples)
+    rows = _gauss_legendre(samples) if of_rows else [(0.0, 1.0)]
     return tuple(((column, row), weight * other) for row, other in rows for column, weight in columns)
 
 
@@ -113,20 +117,24 @@ class SupersampledScan:
         return ScanGeometry.bundles(self)
 
 
-def supersampled(geometry: ScanGeometry, samples: int) -> list[tuple[ScanGeometry | SupersampledScan, np.ndarray]]:
+def supersampled(
+    geometry: ScanGeometry, samples: int, of_columns: int | None = None
+) -> list[tuple[ScanGeometry | SupersampledScan, np.ndarray]]:
     """Return scans with the rays of `pixel_quadrature`, each with as many rays as fit into memory.
 
     Parameters
     ----------
     samples : int
         Rays per pixel and direction.
+    of_columns : int, optional
+        Rays along the columns; None: `samples`.
 
     Returns
     -------
     list of tuple
         (scan, weights of its rays, shape (rows, columns) of rays per pixel).
     """
-    quadrature = pixel_quadrature(samples, geometry.rows > 1)
+    quadrature = pixel_quadrature(samples, geometry.rows > 1, of_columns)
     if len(quadrature) == 1:
         return [(geometry, np.ones((1, 1)))]
     columns, rows = (sorted({point[axis] for point, _ in quadrature}) for axis in (0, 1))

@@ -74,6 +74,11 @@ class GridScene(Scene):
         self._at_ends = {-1: bool(low[0] == 0), 1: bool(high[0] == grid.shape[0])}
 
     @property
+    def amounts(self) -> np.ndarray:
+        """Amount of each material in a voxel, shape (materials, z, y, x)."""
+        return self._fractions
+
+    @property
     def radius_mm(self) -> float:
         """Largest distance of the grid's corners from the z axis, mm."""
         half = np.array(self.grid.extent_mm[:0:-1]) / 2
@@ -122,7 +127,7 @@ class GridScene(Scene):
             there = slope > LEAST_SLOPE
             share[there] = np.clip(0.5 + (smooth[there] - 0.5) / slope[there], 0, 1)
         every /= np.maximum(every.sum(axis=0), LEAST_SLOPE)
-        return self._with(every[:-1])
+        return self.with_amounts(every[:-1])
 
     def attenuation(self, parts: tuple[int, int, int] = (1, 1, 1), shares: bool = True) -> GridScene:
         """Return the scene with the attenuation as its only amount, 1/mm, in parts of voxels with sharp interfaces.
@@ -144,7 +149,7 @@ class GridScene(Scene):
             mixed, low, high = phases(np.tensordot(mu, amounts, 1))
             low, high = (repeated(values, parts) for values in (low, high))
             total = low + (high - low) * divided(mixed, parts)
-        return self._with(total[None], parts)
+        return self.with_amounts(total[None], parts)
 
     def variance(self, shares: bool = True) -> GridScene:
         """Return the scene with the variance of the attenuation within voxels, 1/mm^2, as its only amount.
@@ -159,33 +164,16 @@ class GridScene(Scene):
         else:
             mixed, low, high = phases(np.tensordot(mu, amounts, 1))
             found = (high - low) ** 2 * (UNIFORM if self.is_binary else mixed * (1 - mixed))
-        return self._with(np.maximum(found, 0)[None])
+        return self.with_amounts(np.maximum(found, 0)[None])
 
     def blurred(self) -> GridScene:
         """Return the scene blurred by weights (1, 2, 1) / 4 along each axis."""
         amounts = np.pad(self._fractions, ((0, 0), (0, 0), (1, 1), (1, 1)))
         for axis in (1, 2, 3):
             amounts = ndimage.convolve1d(amounts, np.array([1, 2, 1]) / 4, axis, mode="nearest")
-        return self._with(amounts)
+        return self.with_amounts(amounts)
 
-    def growth(self) -> GridScene:
-        """Return the scene with the change of attenuation, 1/mm, if the surface of each material grows by 1 mm.
-
-        The neighbors of the material shrink.
-        """
-        amounts = np.pad(self._fractions, ((0, 0), (0, 0), (1, 1), (1, 1)))
-        axes = [axis for axis in range(3) if amounts.shape[axis + 1] > 1]
-        spacing = [self.grid.spacing[axis] for axis in axes]
-        total = np.gradient(np.tensordot(self.attenuation_per_mm, amounts, 1), *spacing, axis=axes)
-        changes = np.zeros_like(amounts)
-        for change, amount in zip(changes, amounts, strict=True):
-            slopes = np.gradient(amount, *spacing, axis=axes)
-            steep = np.sqrt(sum(slope**2 for slope in slopes))
-            along = sum(slope * other for slope, other in zip(slopes, total, strict=True))
-            change[...] = np.divide(along, steep, out=change, where=steep > 0)
-        return self._with(changes)
-
-    def _with(self, amounts: np.ndarray, parts: tuple[int, int, int] = (1, 1, 1)) -> GridScene:
+    def with_amounts(self, amounts: np.ndarray, parts: tuple[int, int, int] = (1, 1, 1)) -> GridScene:
         """Return the scene with other amounts, on a grid with the same center whose voxels are divided into parts."""
         scene = copy.copy(self)
         scene._fractions, scene._voxels = amounts, Voxels(amounts)

@@ -46,10 +46,13 @@ class Shape:
     around: tuple[float, float, float, float, float] = (0.0, 0.0, np.inf, -np.inf, np.inf)
 
     def grown(self, by_mm: float) -> Shape:
-        """Return the shape with its surface displaced outwards by a small distance; ellipsoids to first order."""
+        """Return the shape with its surface displaced outwards by a small distance, or inwards by a negative one.
+
+        Ellipsoids grow to first order: each semi-axis by the distance.
+        """
         planes = self.planes + [0, 0, 0, by_mm]
         x, y, radius, low, high = self.around
-        more = ROOM * by_mm
+        more = ROOM * max(by_mm, 0.0)  # a smaller one need not have a smaller bound
         around = (x, y, radius + more, low - more, high + more)
         if self.quadric is None:
             return replace(self, planes=planes, around=around)
@@ -249,9 +252,9 @@ class ShapesScene(Scene):
             around=np.array([shape.around for shape in shapes], float),
         )
 
-    def grown(self, material: Material, by_mm: float) -> ShapesScene:
-        """Return the scene with the shapes of a material grown, as Shape.grown."""
-        shapes = [shape.grown(by_mm) if shape.material == material else shape for shape in self.shapes]
+    def grown(self, by_mm: Sequence[float]) -> ShapesScene:
+        """Return the scene with every shape grown, as Shape.grown."""
+        shapes = [shape.grown(by) if by else shape for shape, by in zip(self.shapes, by_mm, strict=True)]
         return ShapesScene(shapes, self.energy_kev, self.threads)
 
     @property

@@ -1,0 +1,155 @@
+"""Surfaces of the parts of a voxel volume: their change per unit, and the volume with displaced surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from ...base.units import HU_AIR
+from ...physics.beam.materials import Material
+from ...physics.scenes.scene import GridScene
+from ...physics.scenes.shapes import NOTHING
+
+EMPTY_HU = -500  # below it is air; the surface of the body is halfway between soft tissue and air
+CONTRAST_HU = 40  # of parts within the body, from its median
+# Parts of a phantom whose surfaces move on their own: the two largest ones of each kind, and all others together.
+MOST_PARTS_OF_KIND, SURFACE_REACH = 3, 2  # voxels from a part, in which edges belong to it
+MOST_BYTES = 1e9  # of the shares of all parts; in larger volumes, all voxels of a material are one part
+MOSTLY = 0.5  # share of voxels that belong to a part, apart from its surface
+LEAST_SLOPE = 1e-4  # relative to the steepest slope: below it, nothing moves
+
+
+@dataclass(frozen=True)
+class VoxelSurfaces:
+    """A volume, and its change if the surface of a part grows.
+
+    Attributes
+    ----------
+    values : ndarray, shape (z, y, x)
+    growth : dict of str to ndarray, shape (z, y, x)
+        Change of the values by name of the part, 1/mm.
+    spacing_mm : tuple of 3 float
+        Voxel size along z, y and x, mm.
+    """
+
+    values: np.ndarray
+    growth: dict[str, np.ndarray]
+    spacing_mm: tuple[float, float, float]
+
+    def grown(self, by_mm: Mapping[str, float]) -> VoxelSurfaces:
+        """Return the volume with surfaces that are displaced outwards, by name of the part.
+
+        Values move along their gradient g. The displacement is s G / |g| for a part that grows by s and changes the
+        volume by G per unit.
+        """
+        if not any(by_mm.values()):
+            return self
+        axes, slopes, steep = _slopes(self.values, self.spacing_mm)
+        change = sum(by * self.growth[name] for name, by in by_mm.items())
+        points = np.argwhere((change != 0) & (steep > LEAST_SLOPE * steep.max())).T
+        at, here = points.astype(float), tuple(points)
+        for axis, slope in zip(axes, slopes, strict=True):
+            at[axis] += (change * slope)[here] / steep[here] ** 2 / self.spacing_mm[axis]
+        values = self.values.copy()
+        values[here] = ndimage.map_coordinates(self.values, at, order=3, mode="nearest")
+        now = _slopes(values, self.spacing_mm)[2]
+        ratio = np.divide(now, steep, out=np.zeros_like(now), where=steep > LEAST_SLOPE * steep.max())
+        growth = {name: ratio * change for name, change in self.growth.items()}
+        return VoxelSurfaces(values, growth, self.spacing_mm)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Connected voxels of a material, or a hole, with the share of each voxel that they fill, shape (z, y, x)."""
+
+    material: Material
+    share: np.ndarray
+
+
+def labelled_parts(scene: GridScene, most: int) -> dict[str, Part]:
+    """Return the connected parts of every material, and holes, by name.
+
+    If there are more than `most`, or if the volume is large, parts of a material are not separated.
+    """
+    empty = np.maximum(1 - scene.amounts.sum(axis=0), 0)
+    around, _ = ndimage.label(empty > MOSTLY)
+    border = np.concatenate([np.take(around, end, axis).ravel() for axis in (1, 2) for end in (0, -1)])
+    outside = ndimage.binary_dilation(np.isin(around, np.setdiff1d(border, 0)), iterations=SURFACE_REACH)
+    holes = np.where(outside, 0, empty)
+    shares = dict(zip((*scene.materials, NOTHING), (*scene.amounts, holes), strict=True))
+    labels = {material: ndimage.label(share > MOSTLY) for material, share in shares.items()}
+    labels = {material: found for material, found in labels.items() if found[1]}
+    count = sum(number for _, number in labels.values())
+    if count > most or count * empty.nbytes > MOST_BYTES:
+        return {str(material): Part(material, shares[material]) for material in labels}
+    found = {}
+    for material, (voxels, number) in labels.items():
+        for one in range(1, number + 1):
+            near = ndimage.binary_dilation(voxels == one, iterations=SURFACE_REACH)
+            name = str(material) if number == 1 else f"{material} {one}"
+            found[name] = Part(material, np.where(near, shares[material], 0))
+    return found
+
+
+def growth_of(share: np.ndarray, values: np.ndarray, spacing_mm: tuple[float, float, float]) -> np.ndarray:
+    """Return the change of values if the surface of a part grows, and its neighbors shrink, 1/mm.
+
+    Parameters
+    ----------
+    share : ndarray, shape (z, y, x)
+        Share of each voxel that the part fills.
+    """
+    _, slopes, steep = _slopes(share, spacing_mm)
+    _, others, _ = _slopes(values, spacing_mm)
+    along = sum(slope * other for slope, other in zip(slopes, others, strict=True))
+    return np.divide(along, steep, out=np.zeros_like(steep), where=steep > 0).astype(np.float32)
+
+
+def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> dict[str, np.ndarray]:
+    """Return the change of a phantom if the surface of a part grows, HU/mm, by name of the part.
+
+    Parts are the body, air within it, and parts of another density. Other edges are left to the errors of HU.
+    """
+    steep = _slopes(np.maximum(hu, HU_AIR), spacing_mm)[2]
+    empty, _ = ndimage.label(hu < EMPTY_HU)
+    border = np.concatenate([np.take(empty, end, axis).ravel() for axis in (1, 2) for end in (0, -1)])
+    outside = np.isin(empty, np.setdiff1d(border, 0))
+    parts, found = [("body", ~outside, 1)], {}
+    tissue = ~ndimage.binary_dilation(empty > 0, iterations=SURFACE_REACH)
+    middle = float(np.median(hu[tissue])) if tissue.any() else 0.0
+    inside = {
+        "air inside": ((empty > 0) & ~outside, -1),
+        "dense part": (ndimage.binary_opening(tissue & (hu > middle + CONTRAST_HU)), 1),
+        "light part": (ndimage.binary_opening(tissue & (hu < middle - CONTRAST_HU)), -1),
+    }
+    for kind, (voxels, sign) in inside.items():
+        labels, count = ndimage.label(voxels)
+        largest = np.argsort(-np.bincount(labels.ravel())[1:])[: MOST_PARTS_OF_KIND - 1] + 1
+        parts += [(f"{kind} {rank}", labels == one, sign) for rank, one in enumerate(largest, 1)]
+        if count > len(largest):
+            parts.append((f"{kind} {MOST_PARTS_OF_KIND}", (labels > 0) & ~np.isin(labels, largest), sign))
+    for name, part, sign in parts:
+        near = ndimage.binary_dilation(part, iterations=SURFACE_REACH)
+        near &= ndimage.binary_dilation(~part, iterations=SURFACE_REACH)
+        if near.any():
+            found[name] = sign * np.where(near, steep, 0)
+            steep = np.where(near, 0, steep)
+    return found
+
+
+def _slopes(
+    values: np.ndarray, spacing_mm: tuple[float, float, float]
+) -> tuple[list[int], list[np.ndarray], np.ndarray]:
+    """Return the axes with more than one voxel, the slopes along them, and the length of the gradient.
+
+    Values continue beyond the volume. One-sided differences at its ends would count surfaces there twice.
+    """
+    axes, slopes = [axis for axis in range(3) if values.shape[axis] > 1], []
+    for axis in axes:
+        ends = [(int(axis == other),) * 2 for other in range(3)]
+        wide = np.gradient(np.pad(values, ends, mode="edge"), spacing_mm[axis], axis=axis)
+        slopes.append(np.take(wide, range(1, wide.shape[axis] - 1), axis).astype(np.float32))
+    return axes, slopes, np.sqrt(sum(slope**2 for slope in slopes))
