@@ -233,14 +233,15 @@ def diagnosed(case):
     seen_mm = values.get("radius_mm", -POSITION[0])  # scanners show nothing outside the field of view
     valid = np.broadcast_to(np.hypot(POSITION[:, None], POSITION) < seen_mm - MM, grid.shape)
 
-    def reconstruct(lines):
-        return reconstruct_hu(lines.astype(np.float32), geometry, grid, "fbp", FbpSettings("coverage"), "cpu", WATER)
+    def reconstruct(lines, **filters):
+        how = "fbp", FbpSettings("coverage"), "cpu", WATER
+        return reconstruct_hu(lines.astype(np.float32), geometry, grid, *how, **filters)
 
     own = None
     if own_simulation:
         own = 1000 * (back_projected(by_astra(name), "ramp") / WATER - 1)[None].astype(np.float32)
     random = np.random.SeedSequence(seed)
-    options = {"slices_variance": 1.0, "known_image": own}
+    options = {"slices_variance": 1.0, "known_image": own, "filters": True}
     prepared = prepare(images, None, *chains, reconstruct, grid.spacing, valid, random, **options)
     chosen = choose(prepared.fitter, trial(prepared.fitter, ()), wanted)
     content = diagnose(kind, prepared, chosen).content

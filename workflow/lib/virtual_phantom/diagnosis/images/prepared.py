@@ -96,6 +96,7 @@ def prepare(
     slices_variance: float | None = None,
     reconstruct_finely: Callable[[np.ndarray], np.ndarray] | None = None,
     known_image: np.ndarray | None = None,
+    filters: bool = False,
     uncertain: StatedObject | None = None,
 ) -> PreparedImages:
     """Estimate noise, numerical errors and alignment of a recording.
@@ -126,6 +127,8 @@ def prepare(
         of both images then corrects every prediction. None: `reconstruct`, and no correction.
     known_image : ndarray, shape (z, y, x), optional
         Image that the model gives with declared physics only, HU; replaces this correction.
+    filters : bool, optional
+        Whether `reconstruct` takes `mtf`, as reconstruction.images.reconstruct_hu does; else images are filtered.
 
     Raises
     ------
@@ -139,7 +142,7 @@ def prepare(
         aligned = nuisances(log_photons, sd, given, location=location)
         if of_slices:  # the same at every height
             aligned = tuple(number for number in aligned if number.name != "z_mm")
-        label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
+        label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared, "filters": filters}
         return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, **label, **more)
 
     blank = model(np.log(TRIAL_PHOTONS), np.inf)
