@@ -136,6 +136,24 @@ def test_kernel_reproduces_filters_of_scikit_image(name, sigma, shape):
     assert change > 5 and rest < 0.05 * change < in_image
 
 
+@pytest.mark.parametrize(
+    ("slope", "profile"),
+    [
+        (0.0, lambda z: abs(z) < 5),
+        (0.5, lambda z: (7.5 - abs(z)).clip(0, 5) / 5),
+        (1.0, lambda z: (10 - abs(z)).clip(0) / 10),
+    ],
+    ids=["rectangle", "trapezoid", "triangle"],
+)
+def test_slice_profile(slope, profile):
+    point, fine = np.zeros((41, 1, 1)), (np.arange(4100) - 2049.5) / 100
+    point[20] = 1
+    values = effect.load("slice_thickness").values({"thickness_mm": 10.0, "slope": slope})
+    found = apply_image_effects(point, (1.0, MM, MM), {"slice_thickness": values})[:, 0, 0]
+    expected = profile(fine).reshape(41, 100).mean(axis=1) / 10  # a slice is the mean over its spacing
+    np.testing.assert_allclose(found, expected, atol=2e-4)
+
+
 def test_cupping_is_that_of_an_error_of_line_integrals():
     """A term e p^3 of the water correction gives a disc the cupping 6 e mu^3 (R^2 - r^2)."""
     inside, error = RADIUS < 80, 1e-3
