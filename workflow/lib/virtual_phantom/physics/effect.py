@@ -374,8 +374,12 @@ class FilterFactor:
 
 
 def filter_factor(physics: Mapping[str, Mapping[str, float]]) -> FilterFactor | None:
-    """Return the factor of the MTF by the filter among these effects (Effect.mtf); None without one."""
-    return next((FilterFactor(name, tuple(values.items())) for name, values in physics.items() if load(name).mtf), None)
+    """Return the factor of the MTF by the filter among these effects (Effect.mtf); None without one, or at 1."""
+    for name, values in physics.items():
+        neutral = all(one.neutral is None or values[one.name] == one.neutral for one in load(name).parameters)
+        if load(name).mtf and not neutral:
+            return FilterFactor(name, tuple(values.items()))
+    return None
 
 
 def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, source: str, scan: str) -> None:

@@ -11,7 +11,7 @@ from ...base.lru_cache import LRUCache
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
-from ...physics.effect import Parameter, absolute_attenuation, acts_on_images, filter_factor, load
+from ...physics.effect import Parameter, absolute_attenuation, acts_on_images, filter_factor, image_effects, load
 from ...physics.state import State
 from ...simulation.reconstruct import apply_image_effects
 from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
@@ -175,14 +175,20 @@ class ImagesModel(Model):
         )
 
     def _reconstructed(self, key: tuple, lines: Callable[[], np.ndarray], physics) -> list[np.ndarray]:
-        """Return images from line integrals, and with the filter among the effects, if it is applied to projections."""
+        """Return images from line integrals, and with the filter among the effects, if it is applied to projections.
+
+        If the filter is the first effect, zeros replace the images without it, which would cancel.
+        """
 
         def images(**filters) -> np.ndarray:
             return self.reconstruct(self._lines.get(key, lines), **filters)
 
         mtf = filter_factor(physics) if self._filters else None
-        filtered = [] if mtf is None else [self._images.get((*key, mtf), lambda: images(mtf=mtf))]
-        return [self._images.get(key, images), *filtered]
+        if mtf is None:
+            return [self._images.get(key, images)]
+        filtered = self._images.get((*key, mtf), lambda: images(mtf=mtf))
+        first = min(self._on_images(physics), key=image_effects().index)
+        return [np.zeros_like(filtered) if first == mtf.effect else self._images.get(key, images), filtered]
 
     def _before(self, physics, nuisance) -> tuple[dict, tuple, float]:
         """Return the effects that act before the reconstruction, their cache key, and the photons."""
