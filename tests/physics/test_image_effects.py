@@ -138,6 +138,14 @@ def test_kernel_reproduces_filters_of_scikit_image(name, sigma, shape):
     assert change > 5 and rest < 0.016 * change and in_image > 0.06 * change
 
 
+def test_filter_is_found_among_effects():
+    """Fits of a pattern have no parameters; a kernel that does nothing is none."""
+    values = KERNEL.values({"sigma_mm": 1.0})
+    found = effect.filter_factor({"rings": {}, KERNEL.name: values})
+    np.testing.assert_array_equal(found(np.array([0.0, 0.1])), KERNEL.mtf(np.array([0.0, 0.1]), values))
+    assert effect.filter_factor({"rings": {}, KERNEL.name: values | {"sigma_mm": 0.0}}) is None
+
+
 @pytest.mark.parametrize(
     ("slope", "profile"),
     [

@@ -376,8 +376,8 @@ class FilterFactor:
 def filter_factor(physics: Mapping[str, Mapping[str, float]]) -> FilterFactor | None:
     """Return the factor of the MTF by the filter among these effects (Effect.mtf); None without one, or at 1."""
     for name, values in physics.items():
-        neutral = all(one.neutral is None or values[one.name] == one.neutral for one in load(name).parameters)
-        if load(name).mtf and not neutral:
+        one = load(name)
+        if one.mtf and any(number.neutral not in (None, values[number.name]) for number in one.parameters):
             return FilterFactor(name, tuple(values.items()))
     return None
 
