@@ -70,7 +70,7 @@ def test_checking_and_completing_change_nothing(name):
     assert whole["protocols"]
     for one, protocol in whole["protocols"].items():
         assert protocol["physics"]["scatter"]["amount"] > 0
-        kernel = {"sigma_mm": 1.0, "boost": 0.0, "boost_per_cm": 3.0}
+        kernel = {"sigma_mm": 1.0, "shape": 0.0, "boost": 0.0, "boost_per_cm": 3.0}
         assert protocol["image_physics"] == ({} if one in boxed else {"reconstruction_kernel": kernel})
     # The two share no mutable values.
     for protocol in whole["protocols"].values():

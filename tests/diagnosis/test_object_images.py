@@ -144,6 +144,8 @@ def test_effect_in_images_of_another_program_is_named(recorded, change, filter_n
     content = find_missing_physics("discs", prepared, list(dict.fromkeys(tried)), accuracy).content
     assert [effect["name"] for effect in content["effects"]] == expected
     assert content["verdict"] == ("mismatch explained" if expected else "match")
+    # The kernel of the noise has the cut-off frequency of the voxels, that of the object three times as much.
+    assert any("noise spectrum" in one for one in content["caveats"]) == (filter_name == "hann")
     if expected == ["resampling"]:  # one of many local minima
         assert content["effects"][0]["parameters"]["pixel_mm"]["value"] == pytest.approx(1.43, abs=0.01)
     if expected == ["hu_calibration"]:

@@ -8,10 +8,12 @@ import pytest
 from generators import effects as effects_page
 from skimage.transform import iradon
 
-from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.base.geometry import Grid, circular, parallel_beam
+from virtual_phantom.base.settings import FbpSettings, from_mapping
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.physics import effect, effects
+from virtual_phantom.reconstruction.images import reconstruct_hu
 from virtual_phantom.simulation.reconstruct import apply_image_effects
 
 NEW_EFFECT = """
@@ -59,6 +61,7 @@ def test_effect_on_images_is_added_by_one_file(tmp_path, monkeypatch):
 SIDE, MM, MU = 129, 2.0, 0.02  # odd: skimage.transform.iradon and ImageState then have the same center
 POSITION = (np.arange(SIDE) - SIDE // 2) * MM
 RADIUS = np.hypot(POSITION[:, None], POSITION)
+KERNEL = effect.load("reconstruction_kernel")
 CHORD = 2 * np.sqrt(np.maximum(100.0**2 - POSITION**2, 0))  # of a disc of radius 100 mm
 
 
@@ -91,6 +94,74 @@ def test_kernel_has_the_mtf_of_its_equation():
     expected = np.exp(-((2 * np.pi * 1.5 * frequency) ** 2) / 2) * boost
     # The cosine transform samples the MTF at other frequencies, so that they agree up to the edge of the image.
     np.testing.assert_allclose(found.real, expected, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("shape", "sigma", "window"),  # the standard deviation in 1 / cut-off frequency
+    [
+        (0.5, 8**-0.5, lambda x: np.where(x < 1, (1 + np.cos(np.pi * x)) / 2, 0)),  # Hann
+        (1.0, 0.25, lambda x: np.where(x < 1, np.cos(np.pi * x / 2), 0)),
+        (0.0, 0.25, lambda x: np.exp(-((np.pi * x / 2) ** 2) / 2)),
+        (1.1e-4, 0.25, lambda x: np.exp(-((np.pi * x / 2) ** 2) / 2)),
+        (-1.0, 0.25, lambda x: 1 / np.cosh(np.pi * x / 2)),
+    ],
+    ids=["hann", "cosine", "gaussian", "nearly gaussian", "sech"],
+)
+def test_shape_of_the_kernel_gives_known_windows(shape, sigma, window):
+    cut_off, frequency = 0.25, np.linspace(0, 0.5, 101)  # per mm
+    found = KERNEL.mtf(frequency, KERNEL.values({"sigma_mm": sigma / cut_off, "shape": shape}))
+    np.testing.assert_allclose(found, window(frequency / cut_off), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "sigma", "shape"),  # the standard deviation in detector elements
+    [("hann", 2**-0.5, 0.5), ("cosine", 0.5, 1.0), ("shepp-logan", 12**-0.5, 0.6), ("hamming", 0.683, 0.32)],
+)
+def test_kernel_reproduces_filters_of_scikit_image(name, sigma, shape):
+    """An image that is filtered instead keeps 7 to 26 % of the change, because edges are aliased."""
+    views = 120
+    geometry = circular(views=views, **parallel_beam(), columns=SIDE, rows=1, column_pitch_mm=MM, row_pitch_mm=MM)
+    lines = MU * np.repeat(CHORD[None], views, axis=0)
+
+    def by_scikit_image(filter_name):
+        angles = np.arange(views) * 360 / views
+        return 1000 * (iradon(lines.T / MM, angles, filter_name=filter_name, circle=True) / MU - 1)
+
+    physics = {KERNEL.name: KERNEL.values({"sigma_mm": sigma * MM, "shape": shape})}
+    scan = lines[None, :, None].astype(np.float32), geometry, Grid((1, SIDE, SIDE), (MM,) * 3), "fbp"
+    how = FbpSettings("coverage"), "cpu", MU
+    images = [reconstruct_hu(*scan, *how, mtf=mtf)[0] for mtf in (None, effect.filter_factor(physics))]
+    image = apply_image_effects(images[0], (MM,) * 3, physics, tuple(images))[0]
+    inside, ramp, expected = RADIUS < 120, by_scikit_image("ramp"), by_scikit_image(name)
+    change, rest = (float((expected - other)[inside].std()) for other in (ramp, image))
+    in_image = (expected - changed_hu(KERNEL.name, ramp[None], **physics[KERNEL.name]))[inside].std()
+    assert change > 5 and rest < 0.016 * change and in_image > 0.06 * change
+
+
+def test_filter_is_found_among_effects():
+    """Fits of a pattern have no parameters; a kernel that does nothing is none."""
+    values = KERNEL.values({"sigma_mm": 1.0})
+    found = effect.filter_factor({"rings": {}, KERNEL.name: values})
+    np.testing.assert_array_equal(found(np.array([0.0, 0.1])), KERNEL.mtf(np.array([0.0, 0.1]), values))
+    assert effect.filter_factor({"rings": {}, KERNEL.name: values | {"sigma_mm": 0.0}}) is None
+
+
+@pytest.mark.parametrize(
+    ("slope", "profile"),
+    [
+        (0.0, lambda z: abs(z) < 5),
+        (0.5, lambda z: (7.5 - abs(z)).clip(0, 5) / 5),
+        (1.0, lambda z: (10 - abs(z)).clip(0) / 10),
+    ],
+    ids=["rectangle", "trapezoid", "triangle"],
+)
+def test_slice_profile(slope, profile):
+    point, fine = np.zeros((41, 1, 1)), (np.arange(4100) - 2049.5) / 100
+    point[20] = 1
+    values = effect.load("slice_thickness").values({"thickness_mm": 10.0, "slope": slope})
+    found = apply_image_effects(point, (1.0, MM, MM), {"slice_thickness": values})[:, 0, 0]
+    expected = profile(fine).reshape(41, 100).mean(axis=1) / 10  # a slice is the mean over its spacing
+    np.testing.assert_allclose(found, expected, atol=2e-4)
 
 
 def test_cupping_is_that_of_an_error_of_line_integrals():

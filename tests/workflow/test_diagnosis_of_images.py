@@ -19,7 +19,7 @@ STUDY = {
         "levels": {"bench": {"A": 1.0e-5, "repeats": 4}, "low": {"A": 3.0e-6, "repeats": 3}},
     },
     "scan": {"trajectory": "circular", "columns": 68, "rows": 16, "column_pitch_mm": 9.5, "row_pitch_mm": 12.0},
-    "protocols": {"bench": {"algorithm": "fbp", "projections": 60}},
+    "protocols": {"bench": {"algorithm": "fbp", "projections": 40}},
     "analyses": {"noise_calibration": {"protocols": ["bench"], "noise": ["low", "bench"]}},
 }
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from ..base.errors import InputError, did_you_mean
 from ..base.names import label
 from . import effects
@@ -184,6 +186,9 @@ class Effect:
         Recording that would confirm it, as an instruction.
     apply : callable
         (state, values by name): changes a state.State in place, or an image_state.ImageState at stage "image".
+    mtf : callable or None
+        (frequencies per mm, values by name): factor of the MTF, if the effect is a filter of the reconstruction.
+        Filtered back-projection applies it to projections, because images contain aliased frequencies.
     pattern : bool
         Whether one unknown per detector pixel is fitted in addition to the parameters (rings).
     beside : str or None
@@ -217,6 +222,7 @@ class Effect:
     settled_by: str
     parameters: tuple[Parameter, ...]
     apply: Callable
+    mtf: Callable | None = None
     pattern: bool = False
     rank: int = 0
     beside: str | None = None
@@ -347,6 +353,33 @@ def image_effects() -> tuple[str, ...]:
     """Return the names of effects on reconstructed images, in order of application."""
     effects = [load(name) for name in names() if acts_on_images(name)]
     return tuple(effect.name for effect in sorted(effects, key=lambda effect: (effect.rank, effect.name)))
+
+
+@dataclass(frozen=True)
+class FilterFactor:
+    """Factor of the MTF by an effect at given values.
+
+    Attributes
+    ----------
+    effect : str
+    values : tuple of (str, float)
+    """
+
+    effect: str
+    values: tuple[tuple[str, float], ...]
+
+    def __call__(self, cycles_per_mm: np.ndarray) -> np.ndarray:
+        """Return the factor at frequencies in cycles per mm."""
+        return load(self.effect).mtf(cycles_per_mm, dict(self.values))
+
+
+def filter_factor(physics: Mapping[str, Mapping[str, float]]) -> FilterFactor | None:
+    """Return the factor of the MTF by the filter among these effects (Effect.mtf); None without one, or at 1."""
+    for name, values in physics.items():
+        one = load(name)
+        if one.mtf and any(number.neutral not in (None, values[number.name]) for number in one.parameters):
+            return FilterFactor(name, tuple(values.items()))
+    return None
 
 
 def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, source: str, scan: str) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 
 
 @dataclass
@@ -16,10 +18,29 @@ class ImageState:
     hu : ndarray, shape (z, y, x)
     spacing_mm : tuple of 3 float
         Voxel size (z, y, x), mm.
+    before_filter, after_filter : ndarray, shape (z, y, x), or None
+        Images from the same line integrals without and with the filter among the effects (Effect.mtf); None if only
+        the image is known.
     """
 
     hu: np.ndarray
     spacing_mm: tuple[float, float, float]
+    before_filter: np.ndarray | None = None
+    after_filter: np.ndarray | None = None
+
+    def filter(self, mtf: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Multiply the in-plane spectrum by a factor, given in-plane frequencies in cycles per mm.
+
+        Only changes since the reconstruction are filtered in the image if it is known with the filter.
+        """
+        known = self.after_filter is not None
+        image = self.hu - self.before_filter if known else self.hu
+        # The cosine transform implies mirrored boundaries. A sampled kernel narrower than a voxel would have no effect.
+        plane = zip(image.shape[1:], self.spacing_mm[1:], strict=True)
+        rows, columns = (np.arange(n) / (2 * n * pixel) for n, pixel in plane)
+        factor = mtf(np.hypot(rows[:, None], columns)).astype(image.dtype)
+        filtered = fft.idctn(fft.dctn(image, axes=(1, 2)) * factor, axes=(1, 2))
+        self.hu = self.after_filter + filtered if known else filtered
 
     @property
     def y_mm(self) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from itertools import chain
 
@@ -14,14 +15,14 @@ from ..base.parallel_rays import ParallelRays
 from ..base.vectors import FLAT
 from ..projectors import NO_FDK, parallel_cuda
 from ..projectors.cpu import parallel_stack
-from .kernel import Kernel, NoiseKernel
+from .kernel import Kernel, ModifiedKernel, NoiseKernel, modified
 
 # Central fraction of the detector rows with full weight where views of one direction overlap.
 FULL_ROWS = 0.6
 
 
 def fbp(
-    projector, line_integrals: np.ndarray, *, normalise: str = "coverage", kernel: Kernel | None = None
+    projector, line_integrals: np.ndarray, *, normalise: str = "coverage", kernel: Kernel | ModifiedKernel | None = None
 ) -> np.ndarray:
     """Return the linear attenuation, 1/mm, by filtered back-projection.
 
@@ -89,7 +90,11 @@ class ParallelProjections:
 
     @classmethod
     def of(
-        cls, line_integrals: np.ndarray, geometry: ScanGeometry, kernel: Kernel | None = None, engine: str = "cpu"
+        cls,
+        line_integrals: np.ndarray,
+        geometry: ScanGeometry,
+        kernel: Kernel | ModifiedKernel | None = None,
+        engine: str = "cpu",
     ) -> ParallelProjections:
         """Rebin and filter line integrals, (lanes, views, rows, columns); without a kernel, the ramp is not apodized.
 
@@ -128,6 +133,7 @@ def with_noise_kernel(
     kernel: Kernel,
     noise_kernel: NoiseKernel,
     engine: str = "cpu",
+    mtf: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> ParallelProjections:
     """Rebin and filter the object with one kernel and the noise with another one.
 
@@ -136,10 +142,12 @@ def with_noise_kernel(
     line_integrals : ndarray, shape (lanes, views, rows, columns)
     clean : ndarray, shape (views, rows, columns)
         Noise-free line integrals of all lanes.
+    mtf : callable, optional
+        Further factor of both kernels, as `modified` takes it.
     """
-    rays = ParallelProjections.of(line_integrals - clean, geometry, noise_kernel.kernel, engine)
+    rays = ParallelProjections.of(line_integrals - clean, geometry, modified(noise_kernel.kernel, mtf), engine)
     rays.packed *= np.float32(noise_kernel.gain(kernel))
-    rays.packed += ParallelProjections.of(clean[None], geometry, kernel, engine).packed
+    rays.packed += ParallelProjections.of(clean[None], geometry, modified(kernel, mtf), engine).packed
     return rays
 
 
@@ -159,7 +167,7 @@ def _filtered_on_device(rays, line_integrals, kernel):
         return filtered
 
 
-def ramp_filter(rows: np.ndarray, pitch_mm: float, kernel: Kernel | None = None) -> np.ndarray:
+def ramp_filter(rows: np.ndarray, pitch_mm: float, kernel: Kernel | ModifiedKernel | None = None) -> np.ndarray:
     """Apply the ramp filter, per mm, along the last axis of samples at a distance of `pitch_mm`."""
     samples = rows.shape[-1]
     n = _padded(samples)
@@ -173,7 +181,7 @@ def _padded(samples):
 
 
 @lru_cache(maxsize=4)
-def _ramp(n: int, pitch_mm: float, kernel: Kernel | None = None) -> np.ndarray:
+def _ramp(n: int, pitch_mm: float, kernel: Kernel | ModifiedKernel | None = None) -> np.ndarray:
     """Return the ramp at the frequencies of a real transform of n samples, shape (n // 2 + 1,).
 
     It is the transform of the band-limited impulse response, which preserves the mean.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..base.errors import InputError
@@ -10,7 +12,7 @@ from ..base.settings import FbpSettings, SirtSettings
 from ..base.units import attenuation_to_hu
 from ..projectors import in_parts, parallel_projector, projector
 from . import fbp, sirt
-from .kernel import Kernel, NoiseKernel
+from .kernel import Kernel, NoiseKernel, modified
 
 
 def reconstruct_hu(
@@ -23,6 +25,7 @@ def reconstruct_hu(
     mu_water_per_mm: float,
     threads: int = 1,
     clean: np.ndarray | None = None,
+    mtf: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
     """Return images of every acquisition in HU, not rounded.
 
@@ -35,6 +38,8 @@ def reconstruct_hu(
         Linear attenuation of water, 1/mm.
     clean : ndarray, shape (views, rows, columns), optional
         Noise-free line integrals of all acquisitions, for a noise kernel.
+    mtf : callable, optional
+        Further factor of the kernel, if the algorithm `filters_projections`: frequencies in cycles per mm to a factor.
 
     Returns
     -------
@@ -57,12 +62,17 @@ def reconstruct_hu(
 
         def images(some):
             if settings.normalise == "coverage":
-                return filtered(some, geometry, settings, clean, engine).back(operator)
+                return filtered(some, geometry, settings, clean, engine, mtf).back(operator)
             return fbp.fbp(operator, some, normalise=settings.normalise, kernel=kernel_of(settings))
 
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     return attenuation_to_hu(in_parts(engine, images, line_integrals), mu_water_per_mm)
+
+
+def filters_projections(algorithm: str, settings: SirtSettings | FbpSettings) -> bool:
+    """Whether an algorithm filters projections with a kernel of choice."""
+    return algorithm == "fbp" and settings.normalise == "coverage"
 
 
 def filtered(
@@ -71,6 +81,7 @@ def filtered(
     settings: FbpSettings,
     clean: np.ndarray | None = None,
     engine: str = "cpu",
+    mtf: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> fbp.ParallelProjections:
     """Return rebinned and filtered projections, from which several images may be back-projected.
 
@@ -82,6 +93,8 @@ def filtered(
     clean : ndarray, shape (views, rows, columns), optional
         Noise-free line integrals of all acquisitions, for a noise kernel.
     engine : {"cpu", "astra_cuda"}, optional
+    mtf : callable, optional
+        As `reconstruct_hu` takes it.
 
     Raises
     ------
@@ -90,8 +103,8 @@ def filtered(
     """
     kernel, noise_kernel = kernel_of(settings), noise_kernel_of(settings)
     if noise_kernel is None:
-        return fbp.ParallelProjections.of(line_integrals, geometry, kernel, engine)
-    return fbp.with_noise_kernel(line_integrals, clean, geometry, kernel, noise_kernel, engine)
+        return fbp.ParallelProjections.of(line_integrals, geometry, modified(kernel, mtf), engine)
+    return fbp.with_noise_kernel(line_integrals, clean, geometry, kernel, noise_kernel, engine, mtf)
 
 
 def noise_kernel_of(settings: FbpSettings) -> NoiseKernel | None:

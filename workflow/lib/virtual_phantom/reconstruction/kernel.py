@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +68,26 @@ class Kernel:
         distance from the isocenter; it is not compensated.
         """
         return self.mtf(cycles_per_mm) / np.sinc(cycles_per_mm * pitch_mm) ** 2
+
+
+@dataclass(frozen=True)
+class ModifiedKernel:
+    """A kernel, or None for the ramp filter alone, times a factor of the MTF at frequencies in cycles per mm."""
+
+    kernel: Kernel | None
+    factor: Callable[[np.ndarray], np.ndarray]
+
+    def window(self, cycles_per_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
+        """As Kernel.window."""
+        before = 1.0 if self.kernel is None else self.kernel.window(cycles_per_mm, pitch_mm)
+        return before * self.factor(cycles_per_mm)
+
+
+def modified(
+    kernel: Kernel | None, factor: Callable[[np.ndarray], np.ndarray] | None
+) -> Kernel | ModifiedKernel | None:
+    """Return a kernel times a factor of the MTF; without a factor the kernel itself."""
+    return kernel if factor is None else ModifiedKernel(kernel, factor)
 
 
 @dataclass(frozen=True)

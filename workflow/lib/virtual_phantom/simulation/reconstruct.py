@@ -13,15 +13,18 @@ from ..base.settings import FbpSettings, ImageSettings, SirtSettings
 from ..base.units import rounded_hu
 from ..io.volumes import Volume
 from ..phantom import read_masks
-from ..physics.effect import image_effects, load
+from ..physics.effect import filter_factor, image_effects, load
 from ..physics.image_state import ImageState
 from ..reconstruction.boxes import Box, back_in_boxes, boxes_around, voxels_over, whole
 from ..reconstruction.fbp import ParallelProjections
-from ..reconstruction.images import filtered, reconstruct_hu
+from ..reconstruction.images import filtered, filters_projections, reconstruct_hu
 
 
 def apply_image_effects(
-    hu: np.ndarray, spacing_mm: tuple[float, float, float], physics: Mapping[str, Mapping[str, float]]
+    hu: np.ndarray,
+    spacing_mm: tuple[float, float, float],
+    physics: Mapping[str, Mapping[str, float]],
+    reconstructed: tuple[np.ndarray, np.ndarray] | tuple[()] = (),
 ) -> np.ndarray:
     """Apply effects of stage "image" in their order. Without effects the image itself is returned.
 
@@ -33,10 +36,12 @@ def apply_image_effects(
         Voxel size (z, y, x), mm.
     physics : mapping of str to mapping of str to float
         {effect: {parameter: value}}.
+    reconstructed : tuple of 2 ndarray, shape (z, y, x), optional
+        ImageState.before_filter and after_filter.
     """
     if not physics:
         return hu
-    state = ImageState(np.asarray(hu, np.float32), spacing_mm)
+    state = ImageState(np.asarray(hu, np.float32), spacing_mm, *reconstructed)
     for name in sorted(physics, key=image_effects().index):
         load(name).apply(state, physics[name])
     return state.hu
@@ -74,8 +79,13 @@ def reconstruct(
     InputError
         For an unknown algorithm or a scan that it cannot use.
     """
-    hu = reconstruct_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
-    return _volumes(hu, grid, physics)
+
+    def images(mtf=None):
+        how = algorithm, settings, engine, mu_water_per_mm, threads
+        return reconstruct_hu(line_integrals, geometry, grid, *how, mtf=mtf)
+
+    mtf = filter_factor(physics or {}) if filters_projections(algorithm, settings) else None
+    return _volumes(images(), grid, physics, None if mtf is None else images(mtf))
 
 
 def back_project(
@@ -86,6 +96,7 @@ def back_project(
     mu_water_per_mm: float,
     thickness_mm: float | None = None,
     physics: Mapping[str, Mapping[str, float]] | None = None,
+    with_filter: ParallelProjections | None = None,
     threads: int = 1,
 ) -> list[Volume]:
     """Return one image per acquisition from filtered projections, with air outside of the boxes.
@@ -98,16 +109,17 @@ def back_project(
         As boxes.back_in_boxes takes them.
     physics : mapping, optional
         As `reconstruct` takes it.
+    with_filter : ParallelProjections, optional
+        The same, with the filter among `physics` (Effect.mtf).
 
     Returns
     -------
     list of Volume
         int16 HU on `grid`.
     """
-    hu = back_in_boxes(
-        projections, grid, boxes, mu_water_per_mm=mu_water_per_mm, thickness_mm=thickness_mm, threads=threads
-    )
-    return _volumes(hu, grid, physics)
+    how = {"mu_water_per_mm": mu_water_per_mm, "thickness_mm": thickness_mm, "threads": threads}
+    hu, after = (None if one is None else back_in_boxes(one, grid, boxes, **how) for one in (projections, with_filter))
+    return _volumes(hu, grid, physics, after)
 
 
 @dataclass(frozen=True)
@@ -164,7 +176,7 @@ def reconstruct_images(
     common = {"mu_water_per_mm": mu_water_per_mm, "threads": threads}
     for settings in dict.fromkeys(image.settings for image in images):
         alike = [image for image in images if image.settings == settings]
-        filters_first = alike[0].algorithm == "fbp" and settings.normalise == "coverage"
+        filters_first = filters_projections(alike[0].algorithm, settings)
         # Lanes of one reconstruction share the start angle; for FBP, also the position and the noise-free scan. On a
         # GPU, filtered projections of one lane at a time save memory.
         if not filters_first:
@@ -177,7 +189,8 @@ def reconstruct_images(
             line_integrals = scans.line_integrals if every else scans.line_integrals[lanes]
             geometry, source = scans.geometries[lanes[0]], scans.sources[lanes[0]]
             if filters_first:
-                projections = filtered(line_integrals, geometry, settings, scans.noise_free.get(source), engine)
+                scan = line_integrals, geometry, settings, scans.noise_free.get(source), engine
+                projections = filtered(*scan)
             for image in alike:
                 if not filters_first:
                     volumes = reconstruct(
@@ -191,7 +204,9 @@ def reconstruct_images(
                         **common,
                     )
                 elif image.voxels is None:
-                    volumes = back_project(projections, grid, whole(grid), physics=image.physics, **common)
+                    mtf = filter_factor(image.physics or {})
+                    own = {"physics": image.physics, "with_filter": None if mtf is None else filtered(*scan, mtf)}
+                    volumes = back_project(projections, grid, whole(grid), **own, **common)
                 else:
                     voxels = voxels_over(grid, image.voxels.spacing_mm)
                     _, masks = read_masks(rois_files[image.protocol][lanes[0]], voxels)
@@ -202,8 +217,11 @@ def reconstruct_images(
             projections = None  # frees memory before the next filter
 
 
-def _volumes(hu, grid, physics):
-    return [Volume(_to_int16(apply_image_effects(image, grid.spacing, physics or {})), grid) for image in hu]
+def _volumes(hu, grid, physics, after_filter=None):
+    """Return volumes with effects on images; `after_filter` are the images with the filter among them."""
+    pairs = [()] * len(hu) if after_filter is None else zip(hu, after_filter, strict=True)
+    images = [apply_image_effects(one, grid.spacing, physics or {}, pair) for one, pair in zip(hu, pairs, strict=True)]
+    return [Volume(_to_int16(image), grid) for image in images]
 
 
 def _to_int16(image: np.ndarray) -> np.ndarray:

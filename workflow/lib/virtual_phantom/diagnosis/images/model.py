@@ -11,7 +11,7 @@ from ...base.lru_cache import LRUCache
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
-from ...physics.effect import Parameter, absolute_attenuation, acts_on_images, load
+from ...physics.effect import Parameter, absolute_attenuation, acts_on_images, filter_factor, image_effects, load
 from ...physics.state import State
 from ...simulation.reconstruct import apply_image_effects
 from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
@@ -24,7 +24,8 @@ from .observed import Condenser, ObservedImages
 
 REALIZATIONS = 7  # of noise, reconstructed together; the mean is reconstructed separately
 WATER_SD = 0.3  # SD of the scale if attenuation is absolute: scanners set water to 0 HU for every spectrum
-IMAGES_KEPT = 6  # cached settings; a Jacobian uses the images at its central point for every parameter
+LINES_KEPT = 2  # cached line integrals: of the mean and of noise
+IMAGES_KEPT = 8  # cached settings; a Jacobian uses the images at its central point for every parameter
 STARTS_PER_PERIOD = 2  # of a periodic parameter; chi-square had minima of about one period (benchmark image_effects)
 EARLIER = 0  # branch of the random stream of the realizations
 
@@ -42,6 +43,8 @@ class ImagesModel(Model):
         Voxel size (z, y, x), mm.
     seed : Stream
         Random stream of the noise realizations. All predictions use the same realizations, so they change smoothly.
+    filters : bool, optional
+        Whether `reconstruct` takes `mtf`, as reconstruction.images.reconstruct_hu does; else images are filtered.
     """
 
     def __init__(
@@ -52,6 +55,7 @@ class ImagesModel(Model):
         spacing_mm: tuple[float, float, float],
         seed: Stream,
         *,
+        filters: bool = False,
         object_errors: ObjectErrors | None = None,
         **settings,
     ):
@@ -60,7 +64,8 @@ class ImagesModel(Model):
         self.condenser: Condenser | None = None
         self.correction: np.ndarray | float = 0.0  # HU, of the error of finite pixels and voxels
         self.recorded_noise: np.ndarray | None = None  # HU, shape (repeats, z, y, x)
-        self._means, self._noises = LRUCache(IMAGES_KEPT), LRUCache(IMAGES_KEPT)
+        self._filters = filters
+        self._lines, self._images = LRUCache(LINES_KEPT), LRUCache(IMAGES_KEPT)
 
     def _unknown(self, name: str, parameter: Parameter) -> Unknown | None:
         """See Model; with starts in each period of a periodic length, from half a pixel to two pixels."""
@@ -135,12 +140,13 @@ class ImagesModel(Model):
         before, settings, photons = self._before(physics, nuisance)
         here, rays = pose_of(nuisance), linearization.rays
 
-        def mean() -> np.ndarray:
+        def lines() -> np.ndarray:
             state = self.linearized_at(rays).state(before, here, photons=photons, anode=self.anode)
-            return self.reconstruct((state.line_integrals() + state.log_noise()[0])[None])[0] + self.correction
+            return (state.line_integrals() + state.log_noise()[0])[None]
 
-        image = self._means.get((settings, here, rays.key), mean)
-        return apply_image_effects(image, self.spacing_mm, self._on_images(physics))
+        (image,), *filtered = self._reconstructed(("mean", settings, here, rays.key), lines, physics)
+        pair = (image, filtered[0][0]) if filtered else ()
+        return apply_image_effects(image + self.correction, self.spacing_mm, self._on_images(physics), pair)
 
     def noise_images(self, physics, nuisance, linearization: Linearization = BASE) -> np.ndarray:
         """Return noise before scale and offset, HU, for the object location in the linearization's `errors`.
@@ -150,20 +156,39 @@ class ImagesModel(Model):
         before, settings, photons = self._before(physics, nuisance)
         errors = linearization.errors
 
-        def noise() -> np.ndarray:
-            state = self.linearized_at(errors).state(
-                before, pose_of(errors.nuisance), photons=photons, anode=self.anode
-            )
-            return self.reconstruct(noise_lines(state, REALIZATIONS, self._seed)) - HU_AIR
+        def lines() -> np.ndarray:
+            pose = pose_of(errors.nuisance)
+            state = self.linearized_at(errors).state(before, pose, photons=photons, anode=self.anode)
+            return noise_lines(state, REALIZATIONS, self._seed)
 
-        realizations = self._noises.get((settings, errors.key), noise)
-        on_images = self._on_images(physics)
+        images = [one - HU_AIR for one in self._reconstructed(("noise", settings, errors.key), lines, physics)]
+        on_images, realizations = self._on_images(physics), images[0]
         if not on_images:
             return realizations
         zero = apply_image_effects(np.zeros_like(realizations[0]), self.spacing_mm, on_images)
+        pairs = zip(*images, strict=True) if len(images) > 1 else [()] * len(realizations)
         return np.stack(
-            [apply_image_effects(realization, self.spacing_mm, on_images) - zero for realization in realizations]
+            [
+                apply_image_effects(realization, self.spacing_mm, on_images, pair) - zero
+                for realization, pair in zip(realizations, pairs, strict=True)
+            ]
         )
+
+    def _reconstructed(self, key: tuple, lines: Callable[[], np.ndarray], physics) -> list[np.ndarray]:
+        """Return images from line integrals, and with the filter among the effects, if it is applied to projections.
+
+        If the filter is the first effect, zeros replace the images without it, which would cancel.
+        """
+
+        def images(**filters) -> np.ndarray:
+            return self.reconstruct(self._lines.get(key, lines), **filters)
+
+        mtf = filter_factor(physics) if self._filters else None
+        if mtf is None:
+            return [self._images.get(key, images)]
+        filtered = self._images.get((*key, mtf), lambda: images(mtf=mtf))
+        first = min(self._on_images(physics), key=image_effects().index)
+        return [np.zeros_like(filtered) if first == mtf.effect else self._images.get(key, images), filtered]
 
     def _before(self, physics, nuisance) -> tuple[dict, tuple, float]:
         """Return the effects that act before the reconstruction, their cache key, and the photons."""

@@ -14,6 +14,7 @@ from ...base.streams import Stream
 from ...base.units import HU_AIR
 from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
+from ...statistics.image_quality import mean_frequency, noise_spectrum
 from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import before_images
 from ..fitting.nuisance import NOMINAL_PHOTONS_SD, nuisances, pose_of
@@ -33,6 +34,7 @@ EDGE_VOXELS = 1.0  # SD of the average of this error
 RECORDED_NOISE = 3  # repeats from which the noise is estimated from the data; with fewer, by simulation
 FINE = 0.5  # of the highest in-plane frequency, above which noise dominates
 TRIAL_PHOTONS = 1e5  # of simulated noise before it is scaled to the recording
+NOISE_DIFFERS, NOISE_SURE = 0.25, 4.0  # change of the mean frequency that is stated, relative and in SD; choices
 NULLS = 4  # batches of realizations for the scatter of noise statistics
 
 
@@ -62,6 +64,28 @@ class PreparedImages(Prepared):
     ) -> list[DomainTest]:
         """See Prepared.domains."""
         return domain_tests(half, fitted, more)
+
+    def caveats(self, fit: Fit) -> list[str]:
+        """See Prepared.caveats; with the noise spectrum of slices, which is not fitted."""
+        model = self.fitter.model
+        if model.recorded_noise is None:
+            return []
+        simulated = model.noise_images(fit.physics, fit.nuisance, fit.linearization)
+        try:
+            spectra = [
+                noise_spectrum(images, self.data.usable, model.spacing_mm) for images in (self.data.repeats, simulated)
+            ]
+        except InputError:  # the object is too small
+            return []
+        mine, other = map(mean_frequency, spectra)
+        error = NOISE_SURE * np.hypot(mine.error, other.error)
+        if abs(mine.value - other.value) < max(NOISE_DIFFERS * other.value, error):
+            return []
+        return [
+            f"The noise spectrum differs: its mean frequency is {10 * mine.value:.3g} per cm in the recording and "
+            f"{10 * other.value:.3g} per cm in the simulation with these effects. Iterative reconstruction and "
+            "denoising change noise more than edges."
+        ]
 
     def recorded(self, held_out: bool = False) -> np.ndarray:
         """See Prepared.recorded."""
@@ -96,6 +120,7 @@ def prepare(
     slices_variance: float | None = None,
     reconstruct_finely: Callable[[np.ndarray], np.ndarray] | None = None,
     known_image: np.ndarray | None = None,
+    filters: bool = False,
     uncertain: StatedObject | None = None,
 ) -> PreparedImages:
     """Estimate noise, numerical errors and alignment of a recording.
@@ -126,6 +151,8 @@ def prepare(
         of both images then corrects every prediction. None: `reconstruct`, and no correction.
     known_image : ndarray, shape (z, y, x), optional
         Image that the model gives with declared physics only, HU; replaces this correction.
+    filters : bool, optional
+        Whether `reconstruct` takes `mtf`, as reconstruction.images.reconstruct_hu does; else images are filtered.
 
     Raises
     ------
@@ -139,7 +166,7 @@ def prepare(
         aligned = nuisances(log_photons, sd, given, location=location)
         if of_slices:  # the same at every height
             aligned = tuple(number for number in aligned if number.name != "z_mm")
-        label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
+        label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared, "filters": filters}
         return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, **label, **more)
 
     blank = model(np.log(TRIAL_PHOTONS), np.inf)

@@ -16,7 +16,7 @@ from ...base.streams import Branch, branch
 from ...io.volumes import Volume
 from ...physics.chain import Chain
 from ...physics.state import AIR
-from ...reconstruction.images import reconstruct_hu
+from ...reconstruction.images import filters_projections, reconstruct_hu
 from ...recordings.images import ImagesRecording
 from ..comparison.agreement import Features
 from ..comparison.regions import ScannedVolume, complete, disc_regions, phantom_regions
@@ -142,15 +142,16 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         slices_variance=slices_variance,
         reconstruct_finely=finely,
         known_image=simulated,
+        filters=filters_projections(protocol.algorithm, protocol.settings),
         uncertain=StatedObject.of(request, scene),
     )
 
 
 def _reconstructed(
-    protocol: ImageProtocol, request: DiagnosisRequest, grid: Grid, shown: slice, lines: np.ndarray
+    protocol: ImageProtocol, request: DiagnosisRequest, grid: Grid, shown: slice, lines: np.ndarray, **filters
 ) -> np.ndarray:
     how = protocol.algorithm, protocol.settings, protocol.engine, request.mu_water_per_mm, request.threads
-    return reconstruct_hu(lines.astype(np.float32), protocol.geometry, grid, *how)[:, shown]
+    return reconstruct_hu(lines.astype(np.float32), protocol.geometry, grid, *how, **filters)[:, shown]
 
 
 def _reconstructed_finely(

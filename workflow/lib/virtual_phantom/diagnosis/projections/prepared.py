@@ -201,7 +201,7 @@ class PreparedScans(Prepared):
         fitter = Fitter(model, data, held_out, weighed, _floor(data))
         return replace(self, fitter=fitter, data=data, held_out=held_out, variance=variance, second_difference=now)
 
-    def caveats(self) -> list[str]:
+    def caveats(self, fit: Fit) -> list[str]:
         """See Prepared.caveats."""
         chain = self.fitter.model.chain
         return lost_rays_remark(self.usable) + truncation_of(chain.scene, chain.geometry).remark

@@ -188,6 +188,6 @@ class Prepared(ABC):
         """Return the recording with the noise correlations of a fit, if the recording does not determine them."""
         return self
 
-    def caveats(self) -> list[str]:
-        """Return sentences for the report on limits of the recording."""
+    def caveats(self, fit: Fit) -> list[str]:
+        """Return sentences for the report on limits of the recording and of a fit."""
         return []

@@ -47,7 +47,7 @@ def caveats(
     left : sequence of DomainTest, optional
         Locations of the remaining mismatch, the worst first.
     """
-    found = prepared.caveats()
+    found = prepared.caveats(choice.chosen.fit)
     if prepared.time_remark:
         found.append(f"In recording.yaml {prepared.time_remark}.")
     alike = likeness(prepared, choice)

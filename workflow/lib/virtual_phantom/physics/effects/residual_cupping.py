@@ -1,4 +1,8 @@
-"""Cupping that a water beam-hardening correction leaves."""
+"""Cupping that a water beam-hardening correction leaves.
+
+Effect `water_correction` is the polynomial of recorded line integrals. This one acts on images, whose line integrals
+are not known: of the polynomial, only its error is visible, which for round objects depends on the distance alone.
+"""
 
 from ..effect import Effect, Parameter
 from ..image_state import ImageState
