@@ -129,13 +129,14 @@ def test_a_grown_shape_has_its_surface_displaced(shape, grown):
     assert lengths[0] == pytest.approx(lengths[1], abs=1e-3)
 
 
-def test_the_changes_by_hu_of_all_values_add_up_to_a_change_of_all_hu():
+@pytest.mark.parametrize("samples", [1, 3])
+def test_the_changes_by_hu_of_all_values_add_up_to_a_change_of_all_hu(samples):
     grid = Grid((2, 40, 40), (5.0, 5.0, 5.0))
     hu = np.random.default_rng(3).uniform(-690, 1900, grid.shape).astype(np.float32)
     scene = VoxelScene.of(Volume(hu, grid), Segmentation("water", None), MU_WATER)
-    errors = StatedObject(scene, ObjectUncertainty(), MU_WATER, Volume(hu, grid)).errors(GEOMETRY, 1)
+    errors = StatedObject(scene, ObjectUncertainty(), MU_WATER, Volume(hu, grid)).errors(GEOMETRY, samples)
     denser = VoxelScene.of(Volume(hu + 10, grid), Segmentation("water", None), MU_WATER)
-    lines = [Chain(one, GEOMETRY).state({}).line_integrals() for one in (scene, denser)]
+    lines = [Chain(one, GEOMETRY, samples=samples).state({}).line_integrals() for one in (scene, denser)]
     of_hu = np.array([name.startswith("hu_near_") for name in errors.names])
     assert 10 * errors.changes[of_hu].sum(axis=0) == pytest.approx(lines[1] - lines[0], abs=1e-4)
     assert hu_to_attenuation(np.array([10.0]), MU_WATER) - MU_WATER == pytest.approx(10 * MU_WATER / 1000)

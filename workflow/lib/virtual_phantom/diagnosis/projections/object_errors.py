@@ -272,7 +272,7 @@ class StatedObject:
 
     @cached_property
     def _of_volumes(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
-        """Change of the attenuation per unit of each error of a density or HU, 1/mm, and the surfaces."""
+        """Change of the attenuation per unit of each error of a density or HU, 1/mm, and surfaces of the attenuation."""
         return self._of_labels() if self.phantom is None else self._of_phantom()
 
     def amounts(
@@ -333,15 +333,21 @@ class StatedObject:
         by_mm = {name: about.get(SURFACE + name, 0.0) for name in surfaces.growth}
         moved = surfaces.grown(by_mm)
         numbers = (*errors, *(Nuisance(SURFACE + name, "mm", 0.0, self._surface_mm) for name in by_mm))
-        volumes = np.stack([*errors.values(), *moved.growth.values(), moved.values - surfaces.values])
+        volumes = np.stack([*errors.values(), *moved.growth.values(), moved.values, surfaces.values])
         if self.phantom is None:
             scene = self._best.with_amounts(volumes)
         else:
             names = ("water",) * len(volumes)
             scene = VoxelScene(volumes, self.phantom.grid, names, self.scene.energy_kev, self.scene.threads)
-        lines = _lengths(scene, geometry, samples, pose)
-        linear = np.tensordot(list(by_mm.values()), lines[len(errors) : -1], 1)
-        return numbers, lines[:-1], lines[-1] - linear
+        sums = np.zeros((len(volumes), *geometry.shape), np.float32)
+        for rays, weights in supersampled(geometry, samples):
+            paths = scene.path_lengths(rays, pose)
+            paths[-2:] = np.exp(-paths[-2:])  # a detector measures the mean transmission of the rays of a pixel
+            paths[:-2] *= paths[-2]
+            sums += average_rays(paths, weights)
+        changes = sums[:-2] / sums[-2]
+        linear = np.tensordot(list(by_mm.values()), changes[len(errors) :], 1)
+        return numbers, changes, np.log(sums[-1] / sums[-2]) - linear
 
     def _of_labels(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
         best, spacing = self._best, self._best.grid.spacing
@@ -368,7 +374,7 @@ class StatedObject:
                 number = Nuisance(f"{HU}{node}", "HU", 0.0, float(np.hypot(self.uncertainty.hu, density)))
                 errors[number] = per_hu * share
         growth = {name: per_hu * change for name, change in growth_of_parts(hu, spacing).items()}
-        return errors, VoxelSurfaces(per_hu * hu, growth, spacing)
+        return errors, VoxelSurfaces(per_hu * (hu - HU_AIR), growth, spacing)
 
 
 def parts_of_shapes(shapes: Sequence[Shape]) -> dict[str, list[int]]:
