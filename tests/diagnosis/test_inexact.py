@@ -93,6 +93,30 @@ def test_kernel_of_another_shape_shifts_parameters_by_the_counted_error(chain, m
         assert np.sqrt(error**2 - fit.errors["veiling_glare"][key] ** 2) == pytest.approx(abs(shift), rel=0.2)
 
 
+def test_unexplained_noise_widens_the_interval_by_the_shift_without_it(chain):
+    """Electronic noise is not fitted: the data of noise shift the scatter. With larger errors they do not."""
+    hidden = {"scatter": {"amount": 0.03, "width_mm": 60.0}, "electronic_noise": {"photons": 150.0}}
+    exact, pulls = {"default": 0.0, "numerical": 0.0}, []
+    for seed in range(8):
+        scans = scans_of(chain.state(hidden), 4, np.random.default_rng(seed))
+        fitter = prepared.prepare(scans, None, chain, nominal_photons=PHOTONS).fitter
+        fit = fitter.fit(("scatter",))
+        error = errors_with_models(fitter, fit, {}, exact).physics["scatter"]["amount"]
+        off = fit.physics["scatter"]["amount"] - 0.03
+        pulls.append(off / fit.errors["scatter"]["amount"])
+        assert abs(off) < 1.96 * error
+    assert max(pulls) < -1.96  # intervals of noise alone miss the true value
+    both = fitter.fit(("scatter", "electronic_noise"))
+    whole = errors_with_models(fitter, both, {}, exact).physics["scatter"]["amount"]
+    assert whole == pytest.approx(both.errors["scatter"]["amount"], rel=1e-3)
+    numbers = [max(1, (weight > 0).sum()) for weight in fitter.weights]
+    ratios = [max(1, square / number) for square, number in zip(fit.parts, numbers, strict=True)]
+    fitter.weights = [weight / ratio for weight, ratio in zip(fitter.weights, ratios, strict=True)]
+    again = fitter.fit(("scatter",), fit)
+    shift = again.physics["scatter"]["amount"] - fit.physics["scatter"]["amount"]
+    assert error == pytest.approx(np.hypot(shift, again.errors["scatter"]["amount"]), rel=0.1)
+
+
 def test_shape_errors_have_equal_size_along_any_axes():
     for shape in ((7, 4, 9), (7, 1, 9), (1, 1, 1)):
         found = shapes(np.random.default_rng(1).normal(size=shape))

@@ -6,9 +6,14 @@ or with the attenuation. A blur kernel or a focal spot may have another form tha
 discretization may vary along axes, with the attenuation, and with the direction of view. The selection of effects uses
 the same fractions.
 
+Data of noise that the fit does not explain, such as a variance without electronic noise, bias parameters as well: the
+more, the more the object's errors leave them free. Such data get the errors by which their chi-square equals their
+number [2]_, and the resulting shift of the parameters is one more standard error.
+
 References
 ----------
 .. [1] J. Brynjarsdottir and A. O'Hagan, Inverse Problems 30, 114007, 2014.
+.. [2] R. T. Birge, Phys. Rev. 40, 207, 1932.
 """
 
 from __future__ import annotations
@@ -17,6 +22,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from ...physics.effect import Parameter, load
 from ..fitting.fit import Fit, Fitter
@@ -25,12 +31,14 @@ from ..fitting.problem import Problem
 from ..fitting.solver import joint_indices
 from ..fitting.steps import ScaledEigenvalues, standard_errors
 from ..fitting.templates import data_changes, whitened
+from ..residuals.residual_tests import ALPHA
 
 Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shape), and (data,)
 # Key of model_accuracy: variation of discretization corrections, relative to the change by half the step size.
 NUMERICAL = "numerical"
 # Relative width of the part of a kernel that has another form than assumed (Parameter.kernel_error).
 NARROWER = 0.5
+UNEXPLAINED = "unexplained"  # among the models of ModelErrorInfluence.pulls
 HARMONICS = (2, 4)  # periods per turn: an object looks equal from opposite sides, a square grid from four
 
 
@@ -55,10 +63,13 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
     accuracy : mapping of str to float
         As `forward_selection.choose` takes it.
     """
-    found = (_distortions(fitter, fit, without, accuracy), _of_steps(fitter, fit, accuracy))
-    if all(next(distortions, None) is None for distortions in found):  # derivatives of images take minutes
-        return Errors({name: dict(errors) for name, errors in fit.errors.items()}, dict(fit.nuisance_errors))
     problem = Problem.at(fitter, fit)
+    found = (_distortions(fitter, fit, without, accuracy), _of_steps(fitter, fit, accuracy))
+    exact = all(next(distortions, None) is None for distortions in found)
+    if (
+        exact and (birge_ratios(problem.residuals(problem.start), problem.weights) == 1).all()
+    ):  # derivatives of images take minutes
+        return Errors({name: dict(errors) for name, errors in fit.errors.items()}, dict(fit.nuisance_errors))
     numbers = _numbers([ModelErrorInfluence.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
     names = [number.name for number in problem.nuisances]
     return Errors(
@@ -187,7 +198,7 @@ class ModelErrorInfluence:
     prior_precision : ndarray, shape (numbers,)
         Inverse prior variances; for shared numbers, the mean over the recordings is used.
     pulls : dict of (str, int or str) to ndarray, shape (numbers,)
-        {(model, shape): J'd}.
+        {(model, shape): J'd}, and {(UNEXPLAINED, 0): what unexplained noise pulls less with larger errors}.
     own : list of ndarray, shape (numbers,)
         J'd of model errors that are specific to this recording.
     """
@@ -205,16 +216,36 @@ class ModelErrorInfluence:
         cls, problem: Problem, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float], places: np.ndarray
     ) -> ModelErrorInfluence:
         """Compute the influence for a problem at the end of a fit."""
-        changes = data_changes(problem)
-        fitter = problem.fitter
-        pulls = {key: changes.T @ change for key, change in _distortions(fitter, fit, without, accuracy)}
-        own = [changes.T @ change for _, change in _of_steps(fitter, fit, accuracy)]
-        return cls(problem, fit, places, changes.T @ changes, problem.prior_precision, pulls, own)
+        fitter, weighted = problem.fitter, (changes := data_changes(problem))
+        pulls, ratios = {}, birge_ratios(parts := problem.residuals(problem.start), problem.weights)
+        if (ratios > 1).any():
+            weighted, residual = changes / ratios[:, None], whitened(parts, problem.weights)
+            # The sum of all pulls is 0 at the end of a fit, apart from numbers at a bound.
+            at_bound = (problem.start <= problem.low) | (problem.start >= problem.high)
+            pull = residual @ changes + problem.prior_precision * (problem.center - problem.start)
+            pulls[UNEXPLAINED, 0] = residual @ (weighted - changes) + np.where(at_bound, pull, 0)
+        information = weighted.T @ changes
+        pulls |= {key: weighted.T @ change for key, change in _distortions(fitter, fit, without, accuracy)}
+        own = [weighted.T @ change for _, change in _of_steps(fitter, fit, accuracy)]
+        return cls(problem, fit, places, information, problem.prior_precision, pulls, own)
 
     @property
     def alone(self) -> ModelErrorInfluence:
         """The same for this recording alone, without joint numbering."""
         return replace(self, places=np.arange(len(self.places)))
+
+
+def birge_ratios(residuals: Sequence[np.ndarray], weights: Sequence[np.ndarray]) -> np.ndarray:
+    """Return chi-square over the number of data in each part of the data, for every datum, shape (data,).
+
+    It is 1 for the mean, and for parts whose chi-square is not significantly larger.
+    """
+    found = [np.ones(residuals[0].size)]
+    for residual, weight in zip(residuals[1:], weights[1:], strict=True):
+        count, chi_square = int((weight > 0).sum()), float((weight * residual**2).sum())
+        unexplained = count and stats.chi2.sf(chi_square, count) < ALPHA
+        found.append(np.full(residual.size, chi_square / count if unexplained else 1.0))
+    return np.concatenate(found)
 
 
 def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
