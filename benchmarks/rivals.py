@@ -1,13 +1,13 @@
-"""Write the verdicts of three simple methods on a suite of the blind validation (minutes per case).
+"""Write the verdicts of three simple methods on a suite of the blind validation (a minute per case).
 
 `snakemake hide` makes the suite, `snakemake score --config verdicts=OUT/METHOD` the score. The methods use all repeats:
 
 * `filter`: the effect with the largest matched filter, penalized by BIC, if its p-value over all effects is below 1 %.
 * `forward`: forward selection by BIC; each step fits the five effects with the largest matched filters.
-* `all`: a fit of all effects at once; effects whose removal would increase the BIC.
+* `all`: linear least squares with the templates of all effects, then backward elimination by BIC.
 
-`all` omits the gain pattern (one parameter per pixel) and the rotation during a view (several rays per view). A method
-reports unexplained data if its chi-square is three standard deviations too large. Existing verdicts are not repeated.
+`all` omits the gain pattern (one parameter per pixel). A method reports unexplained data if its chi-square is three
+standard deviations too large. Existing verdicts are not repeated.
 """
 
 import json
@@ -18,9 +18,11 @@ import numpy as np
 
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.fitting.fit import Fitter
+from virtual_phantom.diagnosis.fitting.problem import Problem
+from virtual_phantom.diagnosis.fitting.templates import changes, projected, templates, whitened
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
-from virtual_phantom.diagnosis.selection.screening import screened
+from virtual_phantom.diagnosis.selection.screening import amounts, explained, screened
 from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.io.documents import VERDICT, write_document
 from virtual_phantom.physics.effect import load
@@ -28,7 +30,7 @@ from virtual_phantom.physics.effect import load
 CHANCE = 0.01
 MOST = 4  # steps of the forward selection, as in the diagnosis
 FITTED = 5  # fits per step, with the largest matched filters
-TOO_MANY = ("gain_pattern", "view_blur")  # omitted by `all`
+TOO_MANY = ("gain_pattern",)  # omitted by `all`
 
 
 def without_halves(prepared):
@@ -90,26 +92,36 @@ def forward(fitter, tried):
 def all_at_once(fitter, tried):
     price, _ = priced(fitter)
     aligned = fitter.fit(())
-    alone = {name: fitter.fit((name,), aligned).physics[name] for name in tried}  # all combinations: millions
-    fit = fitter.fit(tuple(tried), replace(aligned, physics=alone), from_farther=False)
-    worth = {}
-    for name in tried:
-        pulls = [
-            ((fit.physics[name][parameter.name] - parameter.neutral) / fit.errors[name][parameter.name]) ** 2
-            for parameter in fitter.model.parameters(name)
-            if parameter.neutral is not None and fit.errors[name].get(parameter.name)
-        ]
-        if pulls:
-            worth[name] = sum(pulls) - price * len(pulls)
-    named = sorted((name for name, one in worth.items() if one > 0), key=lambda name: -worth[name])
-    return named, left(fitter, fit)
+    problem, parts = Problem.at(fitter, aligned), fitter.residuals(aligned, held_out=False)
+    absorbed = np.linalg.qr(changes(problem))[0]
+    known = np.sqrt(problem.prior_precision) * (problem.center - problem.start)
+    residual = np.concatenate([whitened(parts, fitter.weights), known])
+    residual -= absorbed @ (absorbed.T @ residual)
+    kept = [name for name in tried if name not in TOO_MANY]
+    rows = {name: projected(templates(fitter, aligned, name), absorbed) for name in kept}
+    # The part of the residual that templates can explain has as many numbers as there are templates.
+    basis = np.linalg.qr(np.concatenate(list(rows.values())).T)[0]
+    rows, inside = {name: row @ basis for name, row in rows.items()}, residual @ basis
+    ends = {name: np.stack(amounts(fitter.model.parameters(name))) for name in kept}
+
+    def criterion(names):
+        if not names:
+            return 0.0
+        own, bounds = np.concatenate([rows[name] for name in names]), np.hstack([ends[name] for name in names])
+        return price * len(own) - explained(own, inside, *bounds)
+
+    while kept:
+        without = {name: criterion([other for other in kept if other != name]) for name in kept}
+        least = min(kept, key=without.get)
+        if without[least] > criterion(kept):
+            break
+        kept.remove(least)
+    gain = price * sum(len(rows[name]) for name in kept) - criterion(kept)
+    rest = replace(aligned, chi_square=aligned.chi_square - gain)
+    return sorted(kept, key=lambda name: -without[name]), left(fitter, rest)
 
 
-def smooth_effects_at_once(fitter, tried):
-    return all_at_once(fitter, [name for name in tried if name not in TOO_MANY])
-
-
-METHODS = {"filter": matched_filter, "forward": forward, "all": smooth_effects_at_once}
+METHODS = {"filter": matched_filter, "forward": forward, "all": all_at_once}
 
 
 def add_arguments(parser):

@@ -272,7 +272,7 @@ class StatedObject:
 
     @cached_property
     def _of_volumes(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
-        """Change of the attenuation per unit of each error of a density or HU, 1/mm, and surfaces of the attenuation."""
+        """Change of the attenuation per unit of each error of a density or HU, 1/mm, and its surfaces."""
         return self._of_labels() if self.phantom is None else self._of_phantom()
 
     def amounts(
