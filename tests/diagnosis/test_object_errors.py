@@ -32,6 +32,7 @@ from virtual_phantom.physics.beam.materials import Mixture, Segmentation, attenu
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes import shapes
 from virtual_phantom.physics.scenes.labeled import read_label_map
+from virtual_phantom.physics.scenes.sampling import average_rays, supersampled
 from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 
@@ -294,3 +295,30 @@ def test_displaced_surfaces_of_voxels_follow_a_grown_disc():
     errors = [np.std((found - larger).sum(axis=1)) for found in (grown.values, linear)]
     assert grown.values.sum() - disc.sum() == pytest.approx(larger.sum() - disc.sum(), rel=0.05)
     assert errors[0] < 0.25 * errors[1]
+
+
+@pytest.mark.parametrize("by_mm", [-0.27, 0.2])
+def test_the_error_of_displaced_surfaces_of_voxels_is_the_stated_one(by_mm):
+    radius, voxel = 60.3, 1.5
+    side = (np.arange(100 * 8) + 0.5) * voxel / 8 - 50 * voxel
+    disc = (np.hypot(side, side[:, None]) < radius).reshape(100, 8, 100, 8).mean(axis=(1, 3))
+    grid = Grid((8, 100, 100), (voxel, voxel, voxel))
+    hu = np.broadcast_to(1000 * (disc - 1), grid.shape).astype(np.float32)
+    fine = replace(GEOMETRY, columns=61, column_pitch_mm=4.5, row_pitch_mm=2.0)
+    scene = VoxelScene.of(Volume(hu, grid), Segmentation("water", None), MU_WATER)
+    stated = StatedObject(scene, ObjectUncertainty(), MU_WATER, Volume(hu, grid))
+    about = {"surface_of_body": by_mm}
+    errors = stated.errors(fine, 4, about=about)
+    found = errors.lines(dict.fromkeys(errors.names, 0.0) | about)
+
+    def lines(radius_mm):
+        water = ShapesScene([cylinder("water", (0, 0, 0), radius_mm)], scene.energy_kev)
+        rays = supersampled(fine, 32)
+        return -np.log(
+            sum(average_rays(np.exp(-MU_WATER * water.path_lengths(one)[0]), weights) for one, weights in rays)
+        )
+
+    expected = lines(radius + by_mm) - lines(radius)
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.1)
+    stated_sd = errors.left / np.sqrt(fine.rows)  # the rows share the error
+    assert 0.4 < np.sqrt(((found - expected) ** 2).mean() / (stated_sd**2).mean()) < 1.2

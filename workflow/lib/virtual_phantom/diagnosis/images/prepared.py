@@ -203,7 +203,7 @@ def prepare(
     stays = nominal_photons or len(fitted) == 1 or of_slices
     errors = ObjectErrors()
     if uncertain is not None:
-        numbers, changes, _ = uncertain.amounts(chain.geometry, chain.samples, pose)
+        numbers, changes, *_ = uncertain.amounts(chain.geometry, chain.samples, pose)
         images = [white(reconstruct(change[None])[0] - HU_AIR).astype(np.float32) for change in changes]
         errors = ObjectErrors(numbers, np.stack(images)) if numbers else errors
     final = model(log_photons, NOMINAL_PHOTONS_SD if stays else np.inf, object_errors=errors)

@@ -312,6 +312,8 @@ def prepare(
     if uncertain is not None:
         errors = uncertain.errors(chain.geometry, chain.samples, found, about)
     left = numerical.left(linearized)
+    if np.any(errors.left):
+        left = (*left, errors.left)
     if errors.edges is not None:
         left = (*left, errors.edges.unknown(found))
     fitted, held, words = split(taken, further)
