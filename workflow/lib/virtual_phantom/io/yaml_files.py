@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import contextlib
 import json
 import re
 from collections.abc import Callable, Iterator
@@ -11,7 +10,6 @@ from pathlib import Path
 
 import yaml
 
-from ..base.data import YAML_LOADER
 from ..base.errors import InputError, InputErrors
 from .files import check_unchanged
 from .schema import DEEPEST, check_nesting
@@ -136,10 +134,13 @@ def _json(text: str, path: Path) -> tuple[object, list[str]] | None:
 
 
 def _yaml(text: str, path: Path) -> tuple[object, list[str]]:
-    with contextlib.suppress(yaml.YAMLError, ValueError, TypeError, RecursionError):
-        return _loaded(YAML_LOADER(text), path)
     try:
-        return _loaded(yaml.SafeLoader(text), path)  # states the reason better
+        loader = yaml.SafeLoader(text)
+        node = loader.get_single_node()
+        if node is None:
+            return None, []
+        lines = [f"{path}: {line}" for line in _doubtful(node, (), set())]  # before merge keys are expanded
+        return loader.construct_document(node), lines
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}" if mark else ""
@@ -149,14 +150,6 @@ def _yaml(text: str, path: Path) -> tuple[object, list[str]]:
         raise InputError(f"{path}{place}: cannot be read as YAML ({reason}); correct this line") from None
     except (ValueError, TypeError, RecursionError) as error:  # invalid dates, unhashable keys, deep nesting
         raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())}); correct it") from None
-
-
-def _loaded(loader, path: Path) -> tuple[object, list[str]]:
-    node = loader.get_single_node()
-    if node is None:
-        return None, []
-    lines = [f"{path}: {line}" for line in _doubtful(node, (), set())]  # before merge keys are expanded
-    return loader.construct_document(node), lines
 
 
 def _line(text: str, number: int) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+import scipy
 
 
 @dataclass
@@ -39,7 +39,7 @@ class ImageState:
         plane = zip(image.shape[1:], self.spacing_mm[1:], strict=True)
         rows, columns = (np.arange(n) / (2 * n * pixel) for n, pixel in plane)
         factor = mtf(np.hypot(rows[:, None], columns)).astype(image.dtype)
-        filtered = fft.idctn(fft.dctn(image, axes=(1, 2)) * factor, axes=(1, 2))
+        filtered = scipy.fft.idctn(scipy.fft.dctn(image, axes=(1, 2)) * factor, axes=(1, 2))
         self.hu = self.after_filter + filtered if known else filtered
 
     @property
