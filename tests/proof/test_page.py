@@ -46,7 +46,7 @@ def made(tmp_path_factory):
     output = Given({name: folder / name.replace("_", ".") for name in names})
     output |= {"score": folder / "score.json", "page": folder / "index.html"}
     output["runs"] = folder / "runs.jsonl"
-    params = Given(suite={"seed": 4711}, runs=output["runs"])
+    params = Given(suite={"seed": 4711}, registered={"seed": 4711}, runs=output["runs"])
     snakemake = SimpleNamespace(input=inputs, output=Given(output), params=params, log=[folder / "log"], threads=1)
     runpy.run_path(str(ROOT / "workflow/scripts/score_proof.py"), {"snakemake": snakemake})
     return output
@@ -62,7 +62,11 @@ def test_job_writes_everything(made):
 
 def test_page_shows_the_registration_and_the_origin_of_the_models(made):
     text = " ".join(made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ").split())
-    assert "This run does not count: its seed was chosen" in text and "seed 4711, 9 cases, scoring rule 2" in text
+    assert (
+        "This run does not count: its seed was chosen" in text
+        and "seed 4711, 9 cases, scoring rule 2" in text
+    assert "Number of starts: 0." in text
+    )
     assert '"event": "scored"' in made["runs"].read_text()
     never = (
         "contrast dependent resolution, crescent, current along z, detector roll, detector skew, detector tilt, "
