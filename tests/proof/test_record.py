@@ -1,6 +1,8 @@
 """Record of the blind validation: registered runs, filled pages, and coverage of intervals."""
 
+import errno
 import json
+import os
 import runpy
 import sys
 from html import unescape
@@ -17,6 +19,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.names import label
 from virtual_phantom.config.config import read_study
 from virtual_phantom.config.read_config import read_configs
+from virtual_phantom.io.files import DISK_PROBLEMS
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
@@ -200,6 +203,19 @@ def test_registered_run_is_added_once_and_fills_the_pages(record, run, command, 
     seal.write(found, run / "score.json")
     code, text = command(path, "add", run / "score.json", "--note", "n")
     assert code == 1 and "does not count, because its seed was chosen" in text.err
+
+
+def test_pages_are_replaced_as_a_whole(record, command, tmp_path, monkeypatch):
+    """If the disk is full, the old page stays."""
+    before = (tmp_path / PAGES[0]).read_text()
+
+    def full(*args):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    code, text = command(record(entry("abc")), "pages")
+    assert code == 1 and text.err == f"Error: {tmp_path / PAGES[0]}: cannot be written: {DISK_PROBLEMS[errno.ENOSPC]}\n"
+    assert (tmp_path / PAGES[0]).read_text() == before and not list(tmp_path.glob(".partial*"))
 
 
 def test_score_as_a_table_and_coverage_from_the_command_line(record, run, command):
