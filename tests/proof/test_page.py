@@ -17,7 +17,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.suite import check_recordings
-from virtual_phantom.proof.hiding.truth import EQUATIONS, completed
+from virtual_phantom.proof.hiding.truth import EQUATIONS
 from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
 from virtual_phantom.proof.scoring.real import minutes, row
@@ -39,7 +39,7 @@ def made(tmp_path_factory):
     """Outputs of the script for the suite of nine cases."""
     folder = tmp_path_factory.mktemp("suite")
     inputs = Given(write_suite(folder), maps=[folder / "diagnosis" / truth["case"] / "maps" for truth in TRUTHS])
-    registered = registration({"seed": 4711}, map(completed, TRUTHS), inputs["seals"])
+    registered = registration({"seed": 4711}, TRUTHS, inputs["seals"])
     seal.write(registered, folder / "registration.json")
     inputs |= {"real": [], "real_maps": [], "times": [], "registration": folder / "registration.json"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")

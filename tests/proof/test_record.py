@@ -23,7 +23,7 @@ from virtual_phantom.io.files import DISK_PROBLEMS
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
-from virtual_phantom.proof.hiding.truth import EQUATIONS, completed
+from virtual_phantom.proof.hiding.truth import EQUATIONS
 from virtual_phantom.proof.scoring import registration
 from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.record import coverage_table, filled, result_table
@@ -79,7 +79,7 @@ def run(tmp_path, committed):
     """Folder of a registered and scored run."""
     folder = tmp_path / "proof"
     files = write_suite(folder)
-    registered = registration.registration(SETTINGS, map(completed, TRUTHS), files["seals"])
+    registered = registration.registration(SETTINGS, TRUTHS, files["seals"])
     seal.write(registered, folder / "registration.json")
     for event in ("registered", "failed", "resumed"):
         registration.log_run(folder / "runs.jsonl", event, registered)
@@ -126,7 +126,7 @@ def test_changed_code_is_refused_or_recorded(tmp_path, committed):
         InputError, match="proof.seed: 'commit' needs code without changes, but workflow/lib/x.py differs"
     ):
         registration.registration({"seed": SEED}, [], files["seals"])
-    registered = registration.registration({"seed": 16}, map(completed, TRUTHS), files["seals"])
+    registered = registration.registration({"seed": 16}, TRUTHS, files["seals"])
     assert (registered["changed"], registered["cases"], registered["simulators"]) == (committed, 9, ["xcist"])
     seal.write(registered, tmp_path / "registration.json")
     registration.log_run(tmp_path / "runs.jsonl", "registered", registered)
@@ -222,6 +222,8 @@ def test_score_as_a_table_and_coverage_from_the_command_line(record, run, comman
     code, text = command(record(entry("abc")), "rows", run / "score.json")
     table = text.out.splitlines()
     assert code == 0 and {line.count("|") for line in table} == {5}
+    width = "| width of 95 % intervals, relative to the hidden strength, median | 13 % |  |  |"
+    assert width in table  # the mean of 0.008 of 0.05 and 0.01 of 0.1
     row = "| one medium or strong effect: ranked first | 1.5 of 2 (75 %; 20 to 97 %) | at least 93 % | **missed** |"
     assert row in table
     wrong = "held-out excess RMS removed, median and tenth percentile: an effect named that is not hidden"

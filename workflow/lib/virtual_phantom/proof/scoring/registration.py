@@ -73,7 +73,7 @@ def registration(settings: Mapping, truths: Iterable[Mapping], seals: str | Path
     settings : mapping
         Section `proof` of the configuration, with the number of the seed.
     truths : iterable of mapping
-        Truths with all fields (hiding.truth.completed).
+        Truths of the cases.
     seals : str or Path
         File of the published seals.
 
