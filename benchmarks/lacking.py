@@ -9,7 +9,6 @@ from pathlib import Path
 from benchmarks import common
 from benchmarks.common import simulator_scans
 from virtual_phantom.proof.hiding.case import Case
-from virtual_phantom.proof.hiding.truth import completed
 from virtual_phantom.proof.scoring.remainders import summary
 from virtual_phantom.proof.scoring.verdicts import verdict_document
 
@@ -34,7 +33,7 @@ def run(options):
         common.append_jsonl(options.out, rows[-1])
         hidden = ", ".join(f"{effect['name']} ({effect['strength']})" for effect in truth["effects"]) or "nothing"
         print(f"{case} {hidden}: {content['sentence']} [{seconds:.0f} s]", flush=True)
-    cases = [Case(completed(row["truth"]), verdict_document(row["diagnosis"]), row["diagnosis"]) for row in rows]
+    cases = [Case(row["truth"], verdict_document(row["diagnosis"]), row["diagnosis"]) for row in rows]
     found = summary(cases)
     for name, one in found["by_kind"].items():
         print(f"{name}: reported as unexplained: {one['count']} of {one['n']}")

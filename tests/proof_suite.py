@@ -7,7 +7,6 @@ import numpy as np
 from virtual_phantom.io.files import write_text
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.case import Case
-from virtual_phantom.proof.hiding.truth import completed
 from virtual_phantom.proof.scoring.verdicts import verdict_document
 
 SALT = "5a" * 32
@@ -37,6 +36,8 @@ def truth(case, category, effects=(), strength=None, where=(), kind="projections
             for name, comparable in dict(effects).items()
         ],
         "where": list(where),
+        **{"simulator": "xcist", "geometry": "circular, flat detector", "object": phantom},
+        "imperfections": {"declared": {}, "undeclared": {}},
         **fields,
     }
 
@@ -75,7 +76,7 @@ def diagnosis(case, verdict, effects=(), ambiguous=None, ruled_out=None, removed
 
 def judged(truth, diagnosis, other=None):
     """Case of a truth and a diagnosis."""
-    return Case(completed(truth), verdict_document(diagnosis), diagnosis, other)
+    return Case(truth, verdict_document(diagnosis), diagnosis, other)
 
 
 def metric(before, after, floor):

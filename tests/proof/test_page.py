@@ -17,7 +17,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.suite import check_recordings
-from virtual_phantom.proof.hiding.truth import EQUATIONS, completed
+from virtual_phantom.proof.hiding.truth import EQUATIONS
 from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
 from virtual_phantom.proof.scoring.real import minutes, row
@@ -39,14 +39,14 @@ def made(tmp_path_factory):
     """Outputs of the script for the suite of nine cases."""
     folder = tmp_path_factory.mktemp("suite")
     inputs = Given(write_suite(folder), maps=[folder / "diagnosis" / truth["case"] / "maps" for truth in TRUTHS])
-    registered = registration({"seed": 4711}, map(completed, TRUTHS), inputs["seals"])
+    registered = registration({"seed": 4711}, TRUTHS, inputs["seals"])
     seal.write(registered, folder / "registration.json")
     inputs |= {"real": [], "real_maps": [], "times": [], "registration": folder / "registration.json"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
     output = Given({name: folder / name.replace("_", ".") for name in names})
     output |= {"score": folder / "score.json", "page": folder / "index.html"}
     output["runs"] = folder / "runs.jsonl"
-    params = Given(suite={"seed": 4711}, runs=output["runs"])
+    params = Given(suite={"seed": 4711}, registered={"seed": 4711}, runs=output["runs"])
     snakemake = SimpleNamespace(input=inputs, output=Given(output), params=params, log=[folder / "log"], threads=1)
     runpy.run_path(str(ROOT / "workflow/scripts/score_proof.py"), {"snakemake": snakemake})
     return output
@@ -62,6 +62,7 @@ def test_job_writes_everything(made):
 
 def test_page_shows_the_registration_and_the_origin_of_the_models(made):
     text = " ".join(made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ").split())
+    assert "Number of starts: 0." in text
     assert "This run does not count: its seed was chosen" in text and "seed 4711, 9 cases, scoring rule 2" in text
     assert '"event": "scored"' in made["runs"].read_text()
     never = (

@@ -1,10 +1,13 @@
 """Record of the blind validation: registered runs, filled pages, and coverage of intervals."""
 
+import errno
 import json
+import os
 import runpy
 import sys
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -16,16 +19,18 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.names import label
 from virtual_phantom.config.config import read_study
 from virtual_phantom.config.read_config import read_configs
+from virtual_phantom.io.files import DISK_PROBLEMS
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
-from virtual_phantom.proof.hiding.truth import EQUATIONS, completed
+from virtual_phantom.proof.hiding.truth import EQUATIONS
 from virtual_phantom.proof.scoring import registration
 from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.record import coverage_table, filled, result_table
 from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.html import render_diagnosis
 from virtual_phantom.statistics.proof_record import read_proof_record, with_coverage
+from virtual_phantom.study.benchmark import Benchmark
 from virtual_phantom.study.checks.preflight import problems
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,12 +38,20 @@ RECORD = RESOURCES / "proof_record.yaml"
 PAGES = ("README.md", "docs/validation/blind-validation.md")
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 SEED = 0x01234567
+SETTINGS = {"seed": SEED, "strengths": ("weak", "strong")}
+CASES = [one["case"] for one in TRUTHS]
 COUNTS = {"first_medium_or_strong": [3.5, 4], "false_alarms": [0, 3], "intervals": [6, 10]}
 
 
 def entry(commit, coverage=None, **changed):
     found = {"seed": 1, "commit": commit, "registered": True, "rule": 2, "cases": 9, "note": "n"}
     return found | {"counts": COUNTS | changed, "coverage": coverage or {}}
+
+
+def assessed(folder, cases=CASES, settings=SETTINGS):
+    """Registration of a folder at its score."""
+    registered = seal.read(folder / "registration.json")
+    return registration.assessed(registered, folder / "seals.json", folder / "runs.jsonl", cases, settings)
 
 
 @pytest.fixture
@@ -66,11 +79,11 @@ def run(tmp_path, committed):
     """Folder of a registered and scored run."""
     folder = tmp_path / "proof"
     files = write_suite(folder)
-    registered = registration.registration({"seed": SEED}, map(completed, TRUTHS), files["seals"])
+    registered = registration.registration(SETTINGS, TRUTHS, files["seals"])
     seal.write(registered, folder / "registration.json")
-    for event in ("registered", "failed", "registered"):
+    for event in ("registered", "failed", "resumed"):
         registration.log_run(folder / "runs.jsonl", event, registered)
-    found = score(collect(**files), suite={"seed": 14}, registration=registration.assessed(registered, files["seals"]))
+    found = score(collect(**files), suite={"seed": 14}, registration=assessed(folder))
     seal.write(found, folder / "score.json")
     return folder
 
@@ -113,22 +126,62 @@ def test_changed_code_is_refused_or_recorded(tmp_path, committed):
         InputError, match="proof.seed: 'commit' needs code without changes, but workflow/lib/x.py differs"
     ):
         registration.registration({"seed": SEED}, [], files["seals"])
-    registered = registration.registration({"seed": 16}, map(completed, TRUTHS), files["seals"])
+    registered = registration.registration({"seed": 16}, TRUTHS, files["seals"])
     assert (registered["changed"], registered["cases"], registered["simulators"]) == (committed, 9, ["xcist"])
-    reasons = registration.assessed(registered, files["seals"])["reasons"]
-    assert reasons == ["its seed was chosen", "the code had changes that were not committed"]
+    seal.write(registered, tmp_path / "registration.json")
+    registration.log_run(tmp_path / "runs.jsonl", "registered", registered)
+    assert assessed(tmp_path, settings={"seed": 16})["reasons"] == [
+        "its seed was chosen",
+        "the code had changes that were not committed",
+        "a start had another commit or changed code",
+    ]
 
 
 def test_other_code_or_seals_at_the_score_do_not_count(run, monkeypatch):
-    registered = seal.read(run / "registration.json")
-    assert registration.assessed(registered, run / "seals.json")["counts"]
-    seal.write({}, run / "seals.json")
+    found = assessed(run)
+    assert found["counts"] and found["starts"] == 2
+    seal.write({case: "0" for case in CASES}, run / "seals.json")
     monkeypatch.setattr(registration, "commit", lambda: "f" * 40)
-    found = registration.assessed(registered, run / "seals.json")
-    assert not found["counts"] and [reason.split(" changed")[0] for reason in found["reasons"]] == [
+    monkeypatch.setattr(registration, "RULE", "another text")
+    assert [reason.split(" changed")[0] for reason in assessed(run)["reasons"]] == [
         "the code",
+        "the scoring rule",
         "the seals",
     ]
+
+
+def test_part_of_the_registered_suite_does_not_count(run):
+    assert assessed(run, CASES[:-2])["reasons"] == ["2 of 9 registered cases were not scored"]
+    assert assessed(run, settings=SETTINGS | {"strengths": ("strong",)})["reasons"] == [
+        "the settings changed after the registration"
+    ]
+    fewer = seal.read(run / "registration.json") | {"seals_sha256": "0" * 64}
+    registration.log_run(run / "runs.jsonl", "registered", fewer)
+    assert assessed(run)["reasons"] == ["another suite was registered with this commit and seed"]
+
+
+def test_every_start_is_logged_and_must_have_the_registered_code(run, committed):
+    """A resumed run logs its state; the job that registers a run logs the first start."""
+    files = {"registration": run / "registration.json"}
+    proof = SimpleNamespace(
+        files=files.get, all=lambda name: [run / "diagnosis" / case / "diagnosis.json" for case in CASES]
+    )
+    benchmark = Benchmark(proof, "")
+    (run / "diagnosis" / CASES[0] / "diagnosis.json").unlink()
+    for rules in ({"proof_scan", "project"}, {"proof_seal", "proof_scan"}, {"project"}, {"proof_suite"}):
+        benchmark.log_start(rules)
+    last = json.loads((run / "runs.jsonl").read_text().splitlines()[-1])
+    assert {key: last[key] for key in ("event", "commit", "seed", "done", "changed")} == {
+        **{"event": "resumed", "commit": COMMIT, "seed": SEED},
+        **{"done": 8, "changed": 0},
+    }
+    assert assessed(run)["counts"] and assessed(run)["starts"] == 3
+    committed.append("workflow/lib/x.py")
+    benchmark.log_start({"proof_diagnosis"})
+    committed.clear()
+    assert assessed(run)["reasons"] == ["a start had another commit or changed code"]
+    (run / "runs.jsonl").unlink()
+    assert assessed(run)["reasons"] == ["its start is not in the log of runs"]
 
 
 def test_registered_run_is_added_once_and_fills_the_pages(record, run, command, tmp_path):
@@ -138,7 +191,7 @@ def test_registered_run_is_added_once_and_fills_the_pages(record, run, command, 
     assert code == 0 and path.read_text().startswith(before)
     added = read_proof_record(path)[1]
     assert (added.seed, added.commit, added.cases, added.rule) == (SEED, COMMIT, 9, 2)
-    assert added.attempts == {"registered": 2, "failed": 1, "scored": 0}
+    assert added.attempts == {"registered": 1, "resumed": 1, "failed": 1, "scored": 0}
     assert added.counts["first_medium_or_strong"] == (1.5, 2) and added.own["first_weak"] == (0, 1)
     assert added.coverage["scatter"] == (1, 2) and "first_weak" not in added.counts
     for page in PAGES:
@@ -152,10 +205,25 @@ def test_registered_run_is_added_once_and_fills_the_pages(record, run, command, 
     assert code == 1 and "does not count, because its seed was chosen" in text.err
 
 
+def test_pages_are_replaced_as_a_whole(record, command, tmp_path, monkeypatch):
+    """If the disk is full, the old page stays."""
+    before = (tmp_path / PAGES[0]).read_text()
+
+    def full(*args):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    code, text = command(record(entry("abc")), "pages")
+    assert code == 1 and text.err == f"Error: {tmp_path / PAGES[0]}: cannot be written: {DISK_PROBLEMS[errno.ENOSPC]}\n"
+    assert (tmp_path / PAGES[0]).read_text() == before and not list(tmp_path.glob(".partial*"))
+
+
 def test_score_as_a_table_and_coverage_from_the_command_line(record, run, command):
     code, text = command(record(entry("abc")), "rows", run / "score.json")
     table = text.out.splitlines()
     assert code == 0 and {line.count("|") for line in table} == {5}
+    width = "| width of 95 % intervals, relative to the hidden strength, median | 13 % |  |  |"
+    assert width in table  # the mean of 0.008 of 0.05 and 0.01 of 0.1
     row = "| one medium or strong effect: ranked first | 1.5 of 2 (75 %; 20 to 97 %) | at least 93 % | **missed** |"
     assert row in table
     wrong = "held-out excess RMS removed, median and tenth percentile: an effect named that is not hidden"

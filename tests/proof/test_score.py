@@ -11,7 +11,7 @@ from virtual_phantom.base.errors import InputError, InputErrors
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding.case import Case, checked
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
-from virtual_phantom.proof.hiding.truth import EQUATIONS, completed
+from virtual_phantom.proof.hiding.truth import EQUATIONS
 from virtual_phantom.proof.scoring.collect import collect, collect_verdicts
 from virtual_phantom.proof.scoring.headline import headline
 from virtual_phantom.proof.scoring.intervals import share, share_of
@@ -138,6 +138,7 @@ def test_parameters(found):
     assert (first["covered"], second["covered"]) == (True, False)
     assert parameters["all"]["median_absolute_relative_error"] == pytest.approx(0.07)
     assert parameters["all"]["median_absolute_half_widths"] == pytest.approx(1.25)
+    assert parameters["all"]["median_relative_width"] == pytest.approx((0.008 / 0.05 + 0.01 / 0.1) / 2)
     assert counted(parameters["by_effect"]["scatter"]["covered"]) == (1, 2)
 
 
@@ -335,7 +336,7 @@ def test_group_of_equals_scores_its_share_and_is_never_exact():
     }
 
     def case(sealed, name):
-        return Case(completed(sealed), {"case": "a", "unexplained": False} | said[name])
+        return Case(sealed, {"case": "a", "unexplained": False} | said[name])
 
     assert [case(single, name).first_credit for name in said] == pytest.approx([1, 1 / 3, 1 / 2, 0, 1 / 2, 1 / 2])
     assert [case(pair, name).all_credit for name in said] == pytest.approx([0, 0, 0, 1, 1 / 4, 0])
@@ -352,7 +353,7 @@ def test_headline_by_class_and_equation():
         strength = "strong" if effects else None
         sealed = truth(f"c{number}", category, dict.fromkeys(effects, {}), strength, **fields, **more)
         sealed["simulator"] = simulator
-        return Case(completed(sealed), {"case": f"c{number}", "effects": named, "unexplained": False})
+        return Case(sealed, {"case": f"c{number}", "effects": named, "unexplained": False})
 
     cases = [case(n, "xcist", [["scatter"]], equation="simulator") for n in range(6)]
     cases += [case(6 + n, "gvirtualxray", [["scatter"]] if n < 4 else [], equation="other") for n in range(6)]

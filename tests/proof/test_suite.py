@@ -31,6 +31,7 @@ from virtual_phantom.proof.hiding.catalogue import (
 )
 from virtual_phantom.proof.hiding.generate import scan_of, write, write_images
 from virtual_phantom.proof.hiding.imperfections import DECLARABLE, HU_ERROR
+from virtual_phantom.proof.hiding.missing_effects import MISSING_EFFECTS
 from virtual_phantom.proof.hiding.objects import DISC, KINDS
 from virtual_phantom.proof.hiding.orbits import GEOMETRIES, Orbit, image_grid
 from virtual_phantom.proof.hiding.suite import KERNEL, KNOWN, World, cases, check_tried, salt, truths, worlds
@@ -141,6 +142,26 @@ def test_unknown_effect_is_rejected():
         )
     with pytest.raises(InputError, match=r"proof.scan.rows: 4 rows cover too few slices"):
         cases(section(SETTINGS | {"scan": SETTINGS["scan"] | {"rows": 4}}))
+
+
+def test_truth_states_the_simulator_that_makes_the_case():
+    """gVirtualXray cannot hide a filter with a K edge: XCIST makes and is recorded for every such case."""
+    plain = SETTINGS | {"none": 0, "pairs": 0, "strengths": [], "images": SETTINGS["images"] | {"effects": []}}
+    plain["images"] |= {"strengths": []}
+
+    def simulators(**changed):
+        drawn = truths(section(plain | changed)).values()
+        return {(truth["effects"][0]["name"], truth["simulator"]) for truth in drawn}
+
+    both = [GVXR, "xcist"]
+    kinds = ["k_edge_filter", "wrong_insert"]
+    made = {("k_edge_filter", "xcist"), ("wrong_insert", "xcist"), ("wrong_insert", GVXR)}
+    assert simulators(simulators=both, unknown_kinds=kinds) == made
+    assert simulators(simulators=[GVXR], unknown=len(MISSING_EFFECTS)) == {
+        (name, GVXR) for name in MISSING_EFFECTS if name != "k_edge_filter"
+    }
+    with pytest.raises(InputError, match="proof.unknown_kinds: gvirtualxray cannot hide 'k_edge_filter'; add xcist"):
+        simulators(simulators=[GVXR], unknown_kinds=kinds)
 
 
 OF_ITS_OWN = ("readout", "generate", "faults", "unsteady", "changed_object")

@@ -76,4 +76,7 @@ onstart:
             "Error: --executor slurm: sbatch was not found; run this on a submit host, or without --profile "
             "workflow/profiles/slurm"
         )
+    context.benchmark.log_start(
+        {job.rule.name for job in workflow.dag.needrun_jobs()}
+    )
     show_progress()

@@ -146,6 +146,7 @@ rule proof_score:
         runtime=20,
     params:
         suite=to_mapping(proof.settings),
+        registered=context.benchmark.registered,
         runs=context.benchmark.runs_file,
         code=code("score_proof.py"),
     script:

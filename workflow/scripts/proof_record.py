@@ -17,6 +17,7 @@ from pathlib import Path
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io.documents import SCORE, read_document
+from virtual_phantom.io.files import replacing
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.scoring import record
 from virtual_phantom.proof.scoring.rows import rows
@@ -52,13 +53,15 @@ def main() -> int:
             runs = Path(asked.score).with_name("runs.jsonl")
             record.add(asked.record, read_document(asked.score, SCORE), runs, asked.note)
         run = read_proof_record(asked.record)[-1]
+        for page in PAGES:
+            path = asked.root / page
+            text = record.filled(path.read_text(encoding="utf-8"), run)
+            with replacing(path, checksum=False) as made:
+                made.write_text(text, encoding="utf-8")
+            print(f"{page}: run of commit {run.commit}")
     except InputError as error:
         print(f"Error: {error}", file=sys.stderr)
         return 1
-    for page in PAGES:
-        path = asked.root / page
-        path.write_text(record.filled(path.read_text(encoding="utf-8"), run), encoding="utf-8")
-        print(f"{page}: run of commit {run.commit}")
     return 0
 
 

@@ -37,10 +37,13 @@ def main(
     example_png: str,
     example_pdf: str,
     suite: Mapping,
+    registered_settings: Mapping,
 ) -> None:
     cases = collect(sealed, seals, verdicts, diagnoses, others)
     real = [row(path) for path in real_diagnoses]
-    registration = assessed(seal.read(registration_file), seals)
+    registration = assessed(
+        seal.read(registration_file), seals, runs_file, [case.name for case in cases], registered_settings
+    )
     found = score(cases, minutes(times), real, suite, registration)
     maps = {Path(folder).parent.name: residual_maps(folder) for folder in [*case_maps, *real_maps]}
     reports = {
@@ -53,7 +56,7 @@ def main(
     shown = example(cases)
     figure = before_after.draw(*maps[shown.name], shown.kind, *in_words(shown))
     style.save(figure, [example_png, example_pdf])
-    log_run(runs_file, "scored", registration)
+    log_run(runs_file, "scored", registration, len(cases))
     for target in found["targets"]:
         log.info("%s: %s, target %s %s", target["what"], target["value"], target["sense"], target["target"])
 
@@ -79,4 +82,5 @@ if "snakemake" in globals():
             example_png=snakemake.output.example_png,
             example_pdf=snakemake.output.example_pdf,
             suite=snakemake.params.suite,
+            registered_settings=snakemake.params.registered,
         )

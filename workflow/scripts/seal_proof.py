@@ -7,7 +7,6 @@ from virtual_phantom.base.proof_settings import ProofSettings
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.suite import salt, truths
-from virtual_phantom.proof.hiding.truth import completed
 from virtual_phantom.proof.scoring.registration import log_run, registration
 from virtual_phantom.study.job import job, log
 
@@ -26,7 +25,7 @@ def main(
     for document, path in zip(documents, sealed_files, strict=True):
         seal.write(document, Path(path))
     seal.write(seal.publish(documents), seals_file)
-    registered = registration(registered_settings, map(completed, drawn), seals_file)
+    registered = registration(registered_settings, drawn, seals_file)
     seal.write(registered, registration_file)
     log_run(runs_file, "registered", registered)
     log.info("%d cases sealed, seed %d, commit %s", len(documents), registered["seed"], registered["commit"])

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..base.errors import InputError
 from ..base.settings import to_mapping
 from ..proof.hiding import seal
-from ..proof.scoring.registration import log_run
+from ..proof.scoring.registration import RESUMED, log_run
 from .proof import Proof
 
 
@@ -65,6 +65,17 @@ class Benchmark:
     def runs_file(self) -> str:
         """The log of runs. It is no output of a job, since jobs only append to it."""
         return str(Path(self.proof.files("registration")).with_name("runs.jsonl"))
+
+    def log_start(self, rules: Collection[str]) -> None:
+        """Add a resumed run to the log of runs if it has rules of the blind validation and was registered before.
+
+        The job that registers a run logs its first start.
+        """
+        registered = Path(self.proof.files("registration"))
+        ours = {rule for rule in rules if rule.startswith("proof_")} - {"proof_suite"}
+        if registered.is_file() and ours and "proof_seal" not in ours:
+            done = sum(Path(path).is_file() for path in self.proof.all("proof_diagnosis"))
+            log_run(self.runs_file, RESUMED, seal.read(registered), done)
 
     def log_failure(self, snakemake_logs: Iterable[str]) -> None:
         """Add a failed run to the log of runs if it had a job of the registered blind validation."""

@@ -208,7 +208,7 @@ def checked(truth: dict, source: str | Path) -> dict:
                 raise ValueError(f"the library {has} {effect['name']}, but `known` says otherwise")
             if not isinstance(effect["comparable"], Mapping):
                 raise ValueError(f"comparable of {effect['name']} is not a mapping")
-            if effect.get("equation", "other") not in EQUATIONS:
+            if effect["equation"] not in EQUATIONS:
                 raise ValueError(f"equation of {effect['name']} is none of {', '.join(EQUATIONS)}")
         if category == "unknown" and all(known):
             raise ValueError("the category is unknown, but the library has every hidden effect")
@@ -216,8 +216,10 @@ def checked(truth: dict, source: str | Path) -> dict:
             raise ValueError(f"category {category} does not fit the effects {[effect['name'] for effect in effects]}")
         if category == "single" and truth["strength"] is None:
             raise ValueError("a single effect has no strength")
-        if not isinstance(truth["where"], list) or not isinstance(truth["phantom"], str):
-            raise ValueError("where is not a list, or phantom is not a name")
+        if not isinstance(truth["where"], list) or not isinstance(truth["imperfections"]["undeclared"], Mapping):
+            raise ValueError("where is not a list, or undeclared is not a mapping")
+        if not all(isinstance(truth[key], str) for key in ("phantom", "simulator", "geometry", "object")):
+            raise ValueError("phantom, simulator, geometry or object is not a name")
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{source}: is not the truth of a case ({' '.join(str(error).split())}); make the suite again"

@@ -199,22 +199,29 @@ def _plan(settings: ProofSettings) -> list[Planned]:
 def _unknown(settings: ProofSettings) -> list[Planned]:
     """Plan the cases with an unknown effect: all equally often, in an order drawn from the seed.
 
+    A case whose turn is a simulator that cannot hide its effect gets the first one that can. By default, effects that
+    no simulator of the suite can hide are omitted.
+
     Raises
     ------
     InputError
-        For an effect that does not exist.
+        For an effect that does not exist, or that no simulator of the suite can hide.
     """
-    kinds = settings.unknown_kinds or list(UNKNOWN)
+    able = {name: [one for one in settings.simulators if simulated_by(name, one)] for name in UNKNOWN}
+    kinds = settings.unknown_kinds or [name for name in UNKNOWN if able[name]]
     for name in kinds:
         if name not in UNKNOWN:
             raise InputError(f"proof.unknown_kinds: there is no '{name}'; use some of {', '.join(UNKNOWN)}")
+        if not able[name]:
+            used = ", ".join(settings.simulators)
+            raise InputError(f"proof.unknown_kinds: {used} cannot hide '{name}'; add {XCIST} to proof.simulators")
     order = generator(branch(settings.seed, 3)).permutation(len(kinds))
     plan = []
     for number in range(settings.unknown):
         name = kinds[order[number % len(kinds)]]
         # Each round of all kinds begins with the next simulator.
         wanted = settings.simulators[(number + number // len(kinds)) % len(settings.simulators)]
-        plan.append(Planned("unknown", None, name, wanted if simulated_by(name, wanted) else XCIST))
+        plan.append(Planned("unknown", None, name, wanted if wanted in able[name] else able[name][0]))
     return plan
 
 

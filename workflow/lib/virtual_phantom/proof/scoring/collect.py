@@ -10,7 +10,6 @@ from ...diagnosis.verdict.verdict import VERDICTS
 from ...diagnosis.verdict_text import PRACTICAL
 from ..hiding import seal
 from ..hiding.case import Case, checked
-from ..hiding.truth import completed
 from .verdicts import read_verdicts, verdict_document
 
 # Keys of a diagnosis that are scored or shown.
@@ -31,7 +30,7 @@ def opened(sealed: Iterable[str | Path], seals: str | Path) -> dict[str, dict]:
     published = seal.read(seals)
     truths = {}
     for path in sealed:
-        truth = completed(checked(seal.open_seal(path, published), path))
+        truth = checked(seal.open_seal(path, published), path)
         truths[truth["case"]] = truth
     for case in published:
         if case not in truths:

@@ -11,7 +11,8 @@ from .intervals import median, share
 
 MEANING = (
     "Hidden effects that were named: parameters with the same definition in both simulators. Relative error: (fitted - "
-    "hidden) / (hidden - neutral). In half-widths: (fitted - hidden) over half of the width of the 95 % interval."
+    "hidden) / (hidden - neutral). In half-widths: (fitted - hidden) over half of the width of the 95 % interval. "
+    "Relative width: width of the interval / |hidden - neutral|."
 )
 
 
@@ -24,7 +25,7 @@ def errors(case: Case) -> list[dict]:
     -------
     list of dict
         case, effect, equation, parameter, `concealed`, fitted, ci95, relative_error (None for a neutral value),
-        half_widths (None for an interval of zero width) and covered.
+        relative_width (None for a neutral value), half_widths (None for an interval of zero width) and covered.
     """
     stated = case.verdict.get("parameters", {})
     fitted = {name: stated[name] for name in case.named if name in stated and name in names()}
@@ -49,6 +50,7 @@ def errors(case: Case) -> list[dict]:
                     "fitted": entry["value"],
                     "ci95": [low, high],
                     "relative_error": error / size if size else None,
+                    "relative_width": (high - low) / abs(size) if size else None,
                     "half_widths": 2 * error / (high - low) if high > low else None,
                     "covered": low <= truth <= high,
                 }
@@ -57,7 +59,7 @@ def errors(case: Case) -> list[dict]:
 
 
 def summary(cases: Sequence[Case]) -> dict:
-    """Return median absolute errors and coverage in all, by effect and by source of the equation, and all rows."""
+    """Return median errors and widths and coverage in all, by effect and by source of the equation, and all rows."""
     rows = [row for case in cases for row in errors(case)]
     effects = sorted({row["effect"] for row in rows})
     return {
@@ -73,6 +75,7 @@ def _accuracy(rows: list[dict]) -> dict:
     return {
         "median_absolute_relative_error": median(_size(row["relative_error"]) for row in rows),
         "median_absolute_half_widths": median(_size(row["half_widths"]) for row in rows),
+        "median_relative_width": median(row["relative_width"] for row in rows),
         "covered": share(row["covered"] for row in rows),
     }
 

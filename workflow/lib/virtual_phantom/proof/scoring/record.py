@@ -69,7 +69,7 @@ def add(path: str | Path, score: Mapping, runs: str | Path, note: str) -> None:
                 for kind, values in counted["classes"].items()
             },
             "coverage": _counts({name: one["covered"] for name, one in score["parameters"]["by_effect"].items()}),
-            "attempts": attempts(runs, registered["commit"]),
+            "attempts": attempts(runs, registered),
         }
     if entry["commit"] in [run.commit for run in read_proof_record(path)]:
         raise InputError(f"{path}: already has commit {entry['commit']}; one run of a commit counts")

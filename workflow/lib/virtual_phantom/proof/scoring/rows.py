@@ -64,6 +64,10 @@ def rows(score: Mapping) -> list[str]:
             )
     parameters = score["parameters"]
     line("error of parameters, median", percent(parameters["all"]["median_absolute_relative_error"]))
+    line(
+        "width of 95 % intervals, relative to the hidden strength, median",
+        percent(parameters["all"]["median_relative_width"]),
+    )
     for source, entry in parameters["by_equation"].items():
         line(f"95 % intervals that cover the true value, effects made by {EQUATIONS[source]}", tally(entry["covered"]))
     for name, entry in parameters["by_effect"].items():
