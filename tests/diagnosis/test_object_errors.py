@@ -20,7 +20,12 @@ from virtual_phantom.diagnosis.planning.ranking import conditions_of
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.projections.object_errors import StatedObject
-from virtual_phantom.diagnosis.projections.voxel_surfaces import VoxelSurfaces, growth_of
+from virtual_phantom.diagnosis.projections.voxel_surfaces import (
+    VoxelSurfaces,
+    growth_of,
+    growth_of_parts,
+    labelled_parts,
+)
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.scanned_object import labelled_scene
@@ -322,3 +327,40 @@ def test_the_error_of_displaced_surfaces_of_voxels_is_the_stated_one(by_mm):
     assert found.mean() == pytest.approx(expected.mean(), rel=0.1)
     stated_sd = errors.left / np.sqrt(fine.rows)  # the rows share the error
     assert 0.4 < np.sqrt(((found - expected) ** 2).mean() / (stated_sd**2).mean()) < 1.2
+
+
+def test_object_errors_of_opaque_metal_are_finite():
+    grid = Grid((2, 61, 61), (6.0, 3.0, 3.0))
+    _, y, x = grid.axes_mm()
+    distance = np.hypot(x, y[:, None])
+    lead = Mixture("lead", 11.35, "Pb")
+    inside = np.stack([(distance < 80) & (distance >= 15), distance < 15]).astype(np.float32)
+    shares = np.broadcast_to(inside[:, None], (2, *grid.shape)).copy()
+    voxels = VoxelScene(shares, grid, ("water", lead), ENERGY_KEV, 1)
+    rods = ShapesScene([cylinder("water", (0, 0, 0), 80), cylinder(lead, (0, 0, 0), 15)])
+    about = {"surface_of_water": 0.1}
+    for scene in (voxels, rods):
+        errors = StatedObject(scene, ObjectUncertainty(), MU_WATER).errors(GEOMETRY, 2, about=about)
+        assert all(np.isfinite(values).all() for values in (errors.changes, errors.constant, errors.left))
+
+
+def test_every_material_of_a_label_map_has_errors_once():
+    grid = Grid((1, 60, 60), (2.0, 2.0, 2.0))
+    shares = np.zeros((2, *grid.shape), np.float32)
+    shares[0] = 1.0
+    shares[1, 0, 20:28, 20:28] = shares[1, 0, 20:28, 29:37] = 1.0  # a gap of one voxel
+    shares[0] -= shares[1]
+    scene = VoxelScene(shares, grid, ("water", "bone"), ENERGY_KEV, 1)
+    parts = labelled_parts(scene, 12)
+    bone = sum(part.share for name, part in parts.items() if name.startswith("bone"))
+    assert len(parts) == 3 and bone == pytest.approx(shares[1])
+    thin = shares * 0.4
+    assert set(labelled_parts(VoxelScene(thin, grid, ("water", "bone"), ENERGY_KEV, 1), 12)) >= {"water", "bone"}
+
+
+def test_inserts_of_a_single_slice_have_surfaces():
+    side = (np.arange(80) - 39.5) * 2
+    hu = np.full((1, 80, 80), -1000.0, np.float32)
+    hu[0][np.hypot(side, side[:, None]) < 60] = 0
+    hu[0][np.hypot(side - 20, side[:, None]) < 9] = 100
+    assert set(growth_of_parts(hu, (2.0, 2.0, 2.0))) == {"body", "dense part 1"}

@@ -190,7 +190,7 @@ def solve(problem: JointProblem, start: Iterate) -> Solution:
         if converged and not corrected:
             break
         if corrected:
-            here = problem.recompute(here.point)
+            here, small_steps, stalled = problem.recompute(here.point), 0, False
         if corrected or not as_expected:
             jacobians = None
     if not fresh:  # derivatives by Broyden's updates are too inexact for standard errors

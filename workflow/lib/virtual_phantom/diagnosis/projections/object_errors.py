@@ -59,6 +59,7 @@ UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 2.0, 1 / 30
 # pixels. Measured for discs of 60 and 100 mm with voxels of 0.4 to 0.7 pixels that grow by -0.3 to 0.2 mm: 0.12 to
 # 0.30. The volume of the grown disc has 0.13 to 0.26.
 SURFACES_LEFT = 0.25
+OPAQUE = 50.0  # largest line integral whose transmission is computed: single precision ends at 87
 EDGE_SHARE = 0.01  # of the largest variance by unknown edges, above which correlations of rays are estimated
 LEAST_CORRELATION = 0.1  # up to this correlation, neighbors vary together
 KEPT = 3  # changes: whitened of the fitted and of the held-out data, and for the latest values
@@ -306,7 +307,7 @@ class StatedObject:
         ]
         divided = ShapesScene(shapes, scene.energy_kev, scene.threads)
         listed = dict(zip(scene.materials, scene.attenuation_per_mm, strict=True))
-        mu = np.array([listed[material[name]] for name in divided.materials], np.float32)
+        mu = np.array([listed[material[name]] for name in divided.materials])
         sds = [self.uncertainty.density_of(str(material[name])) for name in divided.materials]
         densities = [Nuisance(DENSITY + name, "1", 0.0, sd) for name, sd in zip(divided.materials, sds, strict=True)]
         surfaces = [Nuisance(SURFACE + name, "mm", 0.0, self._surface_mm) for name in parts]
@@ -317,7 +318,9 @@ class StatedObject:
             """Return line integrals as a detector measures them, from the mean transmission of the rays of a pixel."""
             scene = divided.grown([by.get(of_shape[index], 0.0) for index in range(len(shapes))])
             transmitted = sum(
-                average_rays(np.exp(-np.tensordot(attenuation, scene.path_lengths(rays, pose), 1)), weights)
+                average_rays(
+                    np.exp(-np.minimum(np.tensordot(attenuation, scene.path_lengths(rays, pose), 1), OPAQUE)), weights
+                )
                 for rays, weights in supersampled(geometry, samples, FINER_COLUMNS * samples)
             )
             return -np.log(transmitted)
@@ -349,7 +352,9 @@ class StatedObject:
         sums = np.zeros((len(volumes), *geometry.shape), np.float32)
         for rays, weights in supersampled(geometry, samples):
             paths = scene.path_lengths(rays, pose)
-            paths[-2:] = np.exp(-paths[-2:])  # a detector measures the mean transmission of the rays of a pixel
+            paths[-2:] = np.exp(
+                -np.minimum(paths[-2:], OPAQUE)
+            )  # a detector measures the mean transmission of the rays of a pixel
             paths[:-2] *= paths[-2]
             sums += average_rays(paths, weights)
         changes = sums[:-2] / sums[-2]

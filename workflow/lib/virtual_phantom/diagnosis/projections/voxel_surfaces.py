@@ -19,6 +19,7 @@ CONTRAST_HU = 40  # of parts within the body, from its median
 MOST_PARTS_OF_KIND, SURFACE_REACH = 3, 2  # voxels from a part, in which edges belong to it
 MOST_BYTES = 1e9  # of the shares of all parts; in larger volumes, all voxels of a material are one part
 MOSTLY = 0.5  # share of voxels that belong to a part, apart from its surface
+WITH_CORNERS = np.ones((3, 3, 3))  # neighbors of a voxel in its part
 LEAST_SLOPE = 1e-4  # relative to the steepest slope: below it, nothing moves
 
 
@@ -80,15 +81,22 @@ def labelled_parts(scene: GridScene, most: int) -> dict[str, Part]:
     outside = ndimage.binary_dilation(np.isin(around, np.setdiff1d(border, 0)), iterations=SURFACE_REACH)
     holes = np.where(outside, 0, empty)
     shares = dict(zip((*scene.materials, NOTHING), (*scene.amounts, holes), strict=True))
-    labels = {material: ndimage.label(share > MOSTLY) for material, share in shares.items()}
+    labels = {material: ndimage.label(share > MOSTLY, WITH_CORNERS) for material, share in shares.items()}
+    thin = {str(one): Part(one, shares[one]) for one in scene.materials if not labels[one][1] and shares[one].any()}
     labels = {material: found for material, found in labels.items() if found[1]}
     count = sum(number for _, number in labels.values())
     if count > most or count * empty.nbytes > MOST_BYTES:
-        return {str(material): Part(material, shares[material]) for material in labels}
-    found = {}
+        return {str(material): Part(material, shares[material]) for material in labels} | thin
+    found = thin
     for material, (voxels, number) in labels.items():
+        nearest = None
+        if number > 1:
+            places = ndimage.distance_transform_edt(voxels == 0, return_distances=False, return_indices=True)
+            nearest = voxels[tuple(places)]
         for one in range(1, number + 1):
             near = ndimage.binary_dilation(voxels == one, iterations=SURFACE_REACH)
+            if nearest is not None:
+                near &= nearest == one
             name = str(material) if number == 1 else f"{material} {one}"
             found[name] = Part(material, np.where(near, shares[material], 0))
     return found
@@ -122,8 +130,8 @@ def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> d
     middle = float(np.median(hu[tissue])) if tissue.any() else 0.0
     inside = {
         "air inside": ((empty > 0) & ~outside, -1),
-        "dense part": (ndimage.binary_opening(tissue & (hu > middle + CONTRAST_HU)), 1),
-        "light part": (ndimage.binary_opening(tissue & (hu < middle - CONTRAST_HU)), -1),
+        "dense part": (_opened(tissue & (hu > middle + CONTRAST_HU)), 1),
+        "light part": (_opened(tissue & (hu < middle - CONTRAST_HU)), -1),
     }
     for kind, (voxels, sign) in inside.items():
         labels, count = ndimage.label(voxels)
@@ -138,6 +146,11 @@ def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> d
             found[name] = sign * np.where(near, steep, 0)
             steep = np.where(near, 0, steep)
     return found
+
+
+def _opened(voxels: np.ndarray) -> np.ndarray:
+    """Return voxels without parts of one voxel's width; the volume continues beyond its first and last slice."""
+    return ndimage.binary_opening(np.pad(voxels, ((1, 1), (0, 0), (0, 0)), mode="edge"))[1:-1]
 
 
 def _slopes(

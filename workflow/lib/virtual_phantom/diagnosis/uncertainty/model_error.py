@@ -6,9 +6,9 @@ or with the attenuation. A blur kernel or a focal spot may have another form tha
 discretization may vary along axes, with the attenuation, and with the direction of view. The selection of effects uses
 the same fractions.
 
-Data of noise that the fit does not explain, such as a variance without electronic noise, bias parameters as well: the
-more, the more the object's errors leave them free. Such data get the errors by which their chi-square equals their
-number [2]_, and the resulting shift of the parameters is one more standard error.
+Data of noise that the fit does not explain, such as a variance without electronic noise, bias parameters. The bias
+grows if errors of the object leave the parameters less constrained. Such data get the errors by which their chi-square
+equals their number [2]_, and the resulting shift of the parameters is one more standard error.
 
 References
 ----------
@@ -198,7 +198,7 @@ class ModelErrorInfluence:
     prior_precision : ndarray, shape (numbers,)
         Inverse prior variances; for shared numbers, the mean over the recordings is used.
     pulls : dict of (str, int or str) to ndarray, shape (numbers,)
-        {(model, shape): J'd}, and {(UNEXPLAINED, 0): what unexplained noise pulls less with larger errors}.
+        {(model, shape): J'd}, and {(UNEXPLAINED, 0): change of J'd if these data get larger errors}.
     own : list of ndarray, shape (numbers,)
         J'd of model errors that are specific to this recording.
     """

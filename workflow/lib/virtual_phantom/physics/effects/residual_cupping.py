@@ -1,7 +1,7 @@
 """Cupping that a water beam-hardening correction leaves.
 
 Effect `water_correction` is the polynomial of recorded line integrals. This one acts on images, whose line integrals
-are not known: of the polynomial, only its error is visible, which for round objects depends on the distance alone.
+are not known. Only the error of the polynomial is visible. For round objects it depends on the distance alone.
 """
 
 from ..effect import Effect, Parameter

@@ -13,7 +13,7 @@ SHIFTS = 32  # of a rectangle, whose mean is a trapezoid
 def apply(state: ImageState, values: dict[str, float]) -> None:
     """Average over the profile of a slice."""
     half = values["thickness_mm"] / state.spacing_mm[0] / 2  # in slices
-    if half <= 0.5:  # thinner than the spacing: no averaging
+    if half * (1 + values["slope"]) <= 0.5:  # thinner than the spacing: no averaging
         return
     reach = int(np.ceil(half * (1 + values["slope"]) + 0.5))
     shifts = ((np.arange(SHIFTS) + 0.5) / SHIFTS * 2 - 1) * values["slope"] * half
