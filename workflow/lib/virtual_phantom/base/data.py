@@ -30,13 +30,13 @@ def clone() -> Path | None:
     return next((place for place in places if (place / "workflow" / "Snakefile").is_file()), None)
 
 
-# PyYAML's optional loader of libyaml is ten times as fast, but words errors differently.
-YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+# PyYAML's optional loader of libyaml is ten times as fast. Files of users are read without it: its messages differ.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def shipped_yaml(path: Path) -> dict:
     """Read a YAML file of the package."""
-    loader = YAML_LOADER(path.read_text(encoding="utf-8"))
+    loader = _LOADER(path.read_text(encoding="utf-8"))
     try:
         return loader.get_single_data()
     finally:

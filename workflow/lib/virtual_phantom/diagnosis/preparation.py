@@ -94,7 +94,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     known = request.alignment(recording.nominal)
     about = None
     for _ in range(OBJECT_LINEARIZATIONS if uncertain is not None and uncertain.has_surfaces else 0):
-        # A free size would take the place of surfaces as long as these are linear.
+        # A free size would take the place of surfaces while these are linear.
         fit = ready(known=known | {"size": FIXED}, about=about).fitter.fit(())
         about = fit.nuisance
         pulled = max((abs(pull) for name, pull in fit.pulled.items() if name.startswith(SURFACE)), default=0.0)

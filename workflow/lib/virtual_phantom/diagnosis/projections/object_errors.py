@@ -318,9 +318,7 @@ class StatedObject:
             """Return line integrals as a detector measures them, from the mean transmission of the rays of a pixel."""
             scene = divided.grown([by.get(of_shape[index], 0.0) for index in range(len(shapes))])
             transmitted = sum(
-                average_rays(
-                    np.exp(-np.minimum(np.tensordot(attenuation, scene.path_lengths(rays, pose), 1), OPAQUE)), weights
-                )
+                average_rays(_transmission(np.tensordot(attenuation, scene.path_lengths(rays, pose), 1)), weights)
                 for rays, weights in supersampled(geometry, samples, FINER_COLUMNS * samples)
             )
             return -np.log(transmitted)
@@ -352,9 +350,7 @@ class StatedObject:
         sums = np.zeros((len(volumes), *geometry.shape), np.float32)
         for rays, weights in supersampled(geometry, samples):
             paths = scene.path_lengths(rays, pose)
-            paths[-2:] = np.exp(
-                -np.minimum(paths[-2:], OPAQUE)
-            )  # a detector measures the mean transmission of the rays of a pixel
+            paths[-2:] = _transmission(paths[-2:])  # a detector measures the mean transmission of the rays of a pixel
             paths[:-2] *= paths[-2]
             sums += average_rays(paths, weights)
         changes = sums[:-2] / sums[-2]
@@ -437,6 +433,11 @@ def words_of(name: str, error: float) -> str:
         part = of.replace(NOTHING, "hole", 1) if of.startswith(NOTHING) else of
         return f"{part} with a surface that is {abs(error):.2g} mm {larger} than stated"
     return f"{name.removeprefix(DENSITY)} that is {100 * abs(error):.2g} % {denser} than stated"
+
+
+def _transmission(line_integrals: np.ndarray) -> np.ndarray:
+    """Return the transmission of rays, of opaque ones that of OPAQUE."""
+    return np.exp(-np.minimum(line_integrals, OPAQUE))
 
 
 def _lengths(scene: Scene, geometry: ScanGeometry, samples: int, pose: Pose, finer_columns: int = 1) -> np.ndarray:

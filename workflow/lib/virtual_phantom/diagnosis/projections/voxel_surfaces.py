@@ -76,9 +76,7 @@ def labelled_parts(scene: GridScene, most: int) -> dict[str, Part]:
     If there are more than `most`, or if the volume is large, parts of a material are not separated.
     """
     empty = np.maximum(1 - scene.amounts.sum(axis=0), 0)
-    around, _ = ndimage.label(empty > MOSTLY)
-    border = np.concatenate([np.take(around, end, axis).ravel() for axis in (1, 2) for end in (0, -1)])
-    outside = ndimage.binary_dilation(np.isin(around, np.setdiff1d(border, 0)), iterations=SURFACE_REACH)
+    outside = ndimage.binary_dilation(_outside(empty > MOSTLY), iterations=SURFACE_REACH)
     holes = np.where(outside, 0, empty)
     shares = dict(zip((*scene.materials, NOTHING), (*scene.amounts, holes), strict=True))
     labels = {material: ndimage.label(share > MOSTLY, WITH_CORNERS) for material, share in shares.items()}
@@ -122,14 +120,13 @@ def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> d
     Parts are the body, air within it, and parts of another density. Other edges are left to the errors of HU.
     """
     steep = _slopes(np.maximum(hu, HU_AIR), spacing_mm)[2]
-    empty, _ = ndimage.label(hu < EMPTY_HU)
-    border = np.concatenate([np.take(empty, end, axis).ravel() for axis in (1, 2) for end in (0, -1)])
-    outside = np.isin(empty, np.setdiff1d(border, 0))
+    empty = hu < EMPTY_HU
+    outside = _outside(empty)
     parts, found = [("body", ~outside, 1)], {}
-    tissue = ~ndimage.binary_dilation(empty > 0, iterations=SURFACE_REACH)
+    tissue = ~ndimage.binary_dilation(empty, iterations=SURFACE_REACH)
     middle = float(np.median(hu[tissue])) if tissue.any() else 0.0
     inside = {
-        "air inside": ((empty > 0) & ~outside, -1),
+        "air inside": (empty & ~outside, -1),
         "dense part": (_opened(tissue & (hu > middle + CONTRAST_HU)), 1),
         "light part": (_opened(tissue & (hu < middle - CONTRAST_HU)), -1),
     }
@@ -146,6 +143,13 @@ def growth_of_parts(hu: np.ndarray, spacing_mm: tuple[float, float, float]) -> d
             found[name] = sign * np.where(near, steep, 0)
             steep = np.where(near, 0, steep)
     return found
+
+
+def _outside(empty: np.ndarray) -> np.ndarray:
+    """Return the empty voxels around the object: those connected to a side of the volume."""
+    labels, _ = ndimage.label(empty)
+    border = np.concatenate([np.take(labels, end, axis).ravel() for axis in (1, 2) for end in (0, -1)])
+    return np.isin(labels, np.setdiff1d(border, 0))
 
 
 def _opened(voxels: np.ndarray) -> np.ndarray:

@@ -66,9 +66,8 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
     problem = Problem.at(fitter, fit)
     found = (_distortions(fitter, fit, without, accuracy), _of_steps(fitter, fit, accuracy))
     exact = all(next(distortions, None) is None for distortions in found)
-    if (
-        exact and (birge_ratios(problem.residuals(problem.start), problem.weights) == 1).all()
-    ):  # derivatives of images take minutes
+    # Derivatives of images take minutes.
+    if exact and (birge_ratios(problem.residuals(problem.start), problem.weights) == 1).all():
         return Errors({name: dict(errors) for name, errors in fit.errors.items()}, dict(fit.nuisance_errors))
     numbers = _numbers([ModelErrorInfluence.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
     names = [number.name for number in problem.nuisances]
@@ -216,10 +215,11 @@ class ModelErrorInfluence:
         cls, problem: Problem, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float], places: np.ndarray
     ) -> ModelErrorInfluence:
         """Compute the influence for a problem at the end of a fit."""
-        fitter, weighted = problem.fitter, (changes := data_changes(problem))
-        pulls, ratios = {}, birge_ratios(parts := problem.residuals(problem.start), problem.weights)
+        fitter, changes, residuals = problem.fitter, data_changes(problem), problem.residuals(problem.start)
+        ratios = birge_ratios(residuals, problem.weights)
+        weighted, pulls = changes, {}
         if (ratios > 1).any():
-            weighted, residual = changes / ratios[:, None], whitened(parts, problem.weights)
+            weighted, residual = changes / ratios[:, None], whitened(residuals, problem.weights)
             # The sum of all pulls is 0 at the end of a fit, apart from numbers at a bound.
             at_bound = (problem.start <= problem.low) | (problem.start >= problem.high)
             pull = residual @ changes + problem.prior_precision * (problem.center - problem.start)
