@@ -72,6 +72,13 @@ class Ellipsoid:
         # the norm grows by at most 1 / min(semi-axes) per mm, so this is a lower bound of the distance
         return (norm - 1) * min(self.semi_axes_mm)
 
+    def change(self, steps_mm: tuple[float, float, float]) -> float:
+        """Upper limit of the change of `level` by a displacement (z, y, x) of this size or less along each axis, mm."""
+        z, y, x = steps_mm
+        a, b, c = self.semi_axes_mm
+        # A Euclidean norm is the largest for all exponents.
+        return math.hypot(z / c, y / min(a, b), x / min(a, b)) * min(self.semi_axes_mm)
+
 
 @dataclass(frozen=True)
 class Tube:
@@ -109,6 +116,10 @@ class Tube:
         # divided by the slope of the cone, so this is a lower bound of the distance
         return (gap - r - along * (s - r)) / math.hypot(1, (s - r) / math.sqrt(d @ d))
 
+    def change(self, steps_mm: tuple[float, float, float]) -> float:
+        """As Ellipsoid.change: a lower bound of the distance changes by the length of the displacement at most."""
+        return math.hypot(*steps_mm)
+
 
 def window(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...]) -> tuple[slice, slice, slice]:
     """Return the index ranges (z, y, x) of the voxels in the bounding box of a shape; parameters as in `coverage`."""
@@ -140,7 +151,8 @@ def coverage(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...], su
         part = tuple(axis[extent] for axis, extent in zip(axes, box, strict=True))
         level[box] = np.minimum(level[box], piece.level(*np.ix_(*part)))
     share = (level < 0).astype(np.float32)
-    index = np.nonzero(np.abs(level) <= 0.5 * math.hypot(*spacing))
+    half_voxel = tuple(step / 2 for step in spacing)
+    index = np.nonzero(np.abs(level) <= max(piece.change(half_voxel) for piece in shape.pieces()))
     if index[0].size == 0:
         return np.broadcast_to(share, full)
     points = [axis[i] for axis, i in zip(axes, index, strict=True)]
