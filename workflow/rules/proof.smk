@@ -77,7 +77,7 @@ rule proof_diagnosis:
 
 
 rule proof_elsewhere:
-    """Compare the physics found with a scan of the case by another protocol."""
+    """Compare the physics found with a scan by another protocol, for a case with one hidden effect."""
     input:
         stated=rules.proof_scan.output.stated,
         recording=rules.proof_scan.output.other,
@@ -107,7 +107,7 @@ rule proof_verdicts:
     """The verdict document of each diagnosis, with hashes of the diagnosis, before any seal is opened."""
     input:
         diagnoses=proof.all("proof_diagnosis"),
-        others=proof.all("proof_elsewhere"),
+        others=lambda wildcards: proof.compared(),
     output:
         proof.all("verdict"),
     log:
@@ -126,9 +126,9 @@ rule proof_score:
         seals=rules.proof_seal.output.seals,
         verdicts=rules.proof_verdicts.output,
         diagnoses=proof.all("proof_diagnosis"),
-        others=proof.all("proof_elsewhere"),
+        others=lambda wildcards: proof.compared(),
         maps=proof.all("proof_maps"),
-        times=proof.times(),
+        times=lambda wildcards: proof.times(),
         real=proof.real("diagnosis"),
         real_maps=proof.real("diagnosis_maps"),
         registration=rules.proof_seal.output.registration,

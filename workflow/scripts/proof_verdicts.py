@@ -4,6 +4,7 @@ The hashes show later that no diagnosis was changed after the hidden effects wer
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from virtual_phantom.io.documents import VERDICT, write_document
 from virtual_phantom.proof.hiding import seal
@@ -12,8 +13,9 @@ from virtual_phantom.study.job import job
 
 
 def main(*, diagnoses: Sequence[str], others: Sequence[str], outputs: Sequence[str]) -> None:
-    for diagnosis, other, path in zip(diagnoses, others, outputs, strict=True):
-        files = seal.files_of(diagnosis, other)
+    tables = {Path(path).parent: path for path in others}
+    for diagnosis, path in zip(diagnoses, outputs, strict=True):
+        files = seal.files_of(diagnosis, tables.get(Path(diagnosis).parent))
         write_document(verdict_document(seal.read(diagnosis)) | {"files": files}, path, VERDICT)
 
 

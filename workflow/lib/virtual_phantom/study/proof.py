@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from ..base.errors import InputError
 from ..base.geometry import ImageProtocol
@@ -26,6 +27,7 @@ from ..proof.hiding.suite import (
     check_simulators,
     check_tried,
     truth,
+    truths,
     worlds,
 )
 from ..recordings.scan import DETECTOR
@@ -103,10 +105,22 @@ class Proof:
         """Return the paths of an output of all cases."""
         return [self.files(name, case=case) for case in self.cases]
 
+    def compared(self) -> list[str]:
+        """Return the tables of agreement with the other protocol that are scored: of cases with one hidden effect.
+
+        A table is made after the diagnosis of its case, so that it reveals nothing to the diagnosis.
+        """
+        return [self.files("proof_elsewhere", case=case) for case in self._singles]
+
     def times(self) -> list[str]:
         """Return the benchmark files of the jobs of all cases."""
-        jobs = ("scan", "diagnosis", "elsewhere")
-        return [self.files.benchmark(f"proof/{job}_{case}") for job in jobs for case in self.cases]
+        jobs = [(job, case) for job in ("scan", "diagnosis") for case in self.cases]
+        jobs += [("elsewhere", case) for case in self._singles]
+        return [self.files.benchmark(f"proof/{job}_{case}") for job, case in jobs]
+
+    @cached_property
+    def _singles(self) -> tuple[str, ...]:
+        return tuple(case for case, drawn in truths(self.settings).items() if drawn["category"] == "single")
 
     def real(self, name: str) -> list[str]:
         """Return the paths of an output of the diagnoses of all real recordings in the report."""
