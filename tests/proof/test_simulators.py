@@ -1,6 +1,7 @@
 """Both simulators against path lengths in closed form: random objects, all geometries, errors of the object."""
 
 import importlib.util
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -147,3 +148,9 @@ def test_missing_simulator_is_one_line(monkeypatch):
     with pytest.raises(InputError, match=r"proof.simulators: gvirtualxray needs the package gvxr.*environment-proof"):
         suite.check_simulators(("xcist", "gvirtualxray"))
     suite.check_simulators(("xcist",))
+
+
+def test_missing_library_of_the_system_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gvxrPython3", None)  # its import fails
+    with pytest.raises(InputError, match=r"gVirtualXray does not start \(.*gvxrPython3.*Debian packages"):
+        gvirtualxray._transmission(None, None, MU_WATER, np.array([60.0]))

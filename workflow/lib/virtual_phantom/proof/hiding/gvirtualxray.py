@@ -21,6 +21,7 @@ import xraylib
 from scipy import signal
 from scipy.optimize import brentq
 
+from ...base.errors import InputError
 from ...base.streams import Stream, generator
 from .faults import displaced_tile, refracted
 from .materials import MATERIALS, NUMBERS, Attenuation, Material
@@ -214,8 +215,12 @@ def _transmission(scan: Scan, scanned: ScannedObject, mu_water_per_mm: float, en
     """Return the transmission averaged over source, pixel and exposure, shape (views, rows, columns, energies)."""
     os.environ.setdefault("LP_NUM_THREADS", "1")  # of Mesa
     with _quiet():
-        from gvxrPython3 import gvxr
-
+        try:
+            from gvxrPython3 import gvxr
+        except ImportError as error:  # it links to libraries of the system
+            raise InputError(
+                f"gVirtualXray does not start ({error}); install the Debian packages listed in environment-proof.txt"
+            ) from None
         gvxr.createWindow(-1, 0, "EGL", 4, 5)
         attenuation = attenuation_of(scan.kev)
         for number, (part, vertices, triangles) in enumerate(meshes(scanned)):
