@@ -146,7 +146,7 @@ def _rivals(content: Mapping, name: str) -> list[str]:
     if other := content.get("outside", {}).get(name):
         rivals.append(f"an unmodeled change that {other['what']}")
     if other := content.get("object_alternatives", {}).get(name):
-        rivals.append(other["what"])
+        rivals.append(f"an object error ({other['what']})")
     return rivals
 
 
