@@ -142,7 +142,7 @@ def _alternatives(content: Mapping, names: Sequence[str]) -> VerdictLine | None:
 
 def _rivals(content: Mapping, name: str) -> list[str]:
     """Return the names of alternatives that explain the data as well as an effect."""
-    rivals = _shortened([effect_name(rival) for rival in content["ambiguous_with"].get(name, [])])
+    rivals = shortened([effect_name(rival) for rival in content["ambiguous_with"].get(name, [])])
     if other := content.get("outside", {}).get(name):
         rivals.append(f"an unmodeled change that {other['what']}")
     if other := content.get("object_alternatives", {}).get(name):
@@ -232,7 +232,7 @@ def _corrected_object(content: Mapping) -> VerdictLine | None:
 def _object_errors(content: Mapping) -> VerdictLine | None:
     """Return the errors of the object that the data need, and the effects that explain them too."""
     found = content.get("object_errors", {})
-    alike = " or ".join(_shortened([effect_name(name) for name in found.get("imitated_by", [])]))
+    alike = " or ".join(shortened([effect_name(name) for name in found.get("imitated_by", [])]))
     text = found.get("what", "") + (f"; {alike} would explain this, too" if alike else "")
     return _line("Object as fitted", text, rank=3)
 
@@ -278,7 +278,7 @@ def _source(content: Mapping) -> VerdictLine | None:
 
 
 def _below_thresholds(content: Mapping, names: Sequence[str]) -> VerdictLine | None:
-    listed = _shortened([" or ".join([effect_name(name), *_rivals(content, name)]) for name in names])
+    listed = shortened([" or ".join([effect_name(name), *_rivals(content, name)]) for name in names])
     return _line("Also significant, below the relevance thresholds", ", ".join(listed), rank=4)
 
 
@@ -417,7 +417,7 @@ def _feature_location(location: Mapping) -> str:
 def effects_text(effects: Sequence[Mapping]) -> str:
     """Return effects of diagnosis.json by name, a few of them with their parameters."""
     detailed = len(effects) <= MOST_DETAILED
-    return enumerated(_shortened([_effect_text(effect, detailed) for effect in effects]))
+    return enumerated(shortened([_effect_text(effect, detailed) for effect in effects]))
 
 
 def _effect_text(effect: Mapping, detailed: bool) -> str:
@@ -443,5 +443,6 @@ def _unit(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def _shortened(names: list[str]) -> list[str]:
+def shortened(names: list[str]) -> list[str]:
+    """Return the first names, and how many others there are."""
     return names if len(names) <= MOST_NAMES else [*names[: MOST_NAMES - 1], f"{len(names) - MOST_NAMES + 1} more"]

@@ -19,7 +19,7 @@ from ..residuals.residual_tests import EDGES, DomainTest, alignment_tests
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
-from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, with_verdict_text
+from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, shortened, with_verdict_text
 from .object_alternative import imitating_effects, object_alternatives
 from .object_mismatch import content_of, excess
 from .unmodeled import ChangesOfFits, better_changes, kinds_test
@@ -298,7 +298,7 @@ def next_measurements(choice: Choice, something_left: bool, ranked: bool, like_o
     for name in choice.chosen.fit.effects:
         rivals = choice.ambiguous_with(name)
         if rivals and ranked:
-            others = " or ".join(map(effect_name, rivals))
+            others = " or ".join(shortened(list(map(effect_name, rivals))))
             found.append(
                 f"run snakemake next_measurement to rank recordings that distinguish {effect_name(name)} from {others}"
             )
