@@ -12,6 +12,8 @@ from .geometry import ScanGeometry, orbit_of
 from .vectors import FLAT
 
 SAME_MM = 1e-6  # smaller differences of focal spot positions are ignored
+# Samples that are interpolated at a time: 16 to 64 thousand are fastest, 1.7 to 5 times faster than one angle.
+CACHED = 1 << 15
 # Tolerance of the first and the last angle, as a fraction of the angle step. With it, half a turn is enough for a
 # parallel beam, whose fan angles are not exactly 0.
 ANGLE_TOLERANCE = 1e-3
@@ -203,16 +205,18 @@ class ParallelRays:
         return result
 
     def rebin(self, stack: np.ndarray, level: int = 0) -> Iterator[np.ndarray]:
-        """Interpolate projections (views, rows, columns) linearly to parallel rays, one angle after the other.
+        """Interpolate projections (views, rows, columns) linearly to parallel rays, a few angles at a time.
 
         Yields
         ------
-        ndarray, shape (rows, t)
-            Projections [row, t] of the next angle; 0 where unknown.
+        ndarray, shape (angles, rows, t)
+            Projections [angle, row, t] of the next angles; 0 where unknown.
         """
         known, spot, column, right_share, fan = self.interleaved[level]
         (left, right), right_share = column, right_share[:, None]
-        for central in self.view_of_angle:
+        together = max(1, CACHED // (stack.shape[1] * len(known)))
+        for first in range(0, len(self.view_of_angle), together):
+            central = self.view_of_angle[first : first + together, None]
             low, high, later_share = self._views_about(spot[0], central - fan[0] / self.view_step)
             if len(self.geometry.spots_mm) == 1:
                 earlier = stack[low, :, left] * (1 - right_share) + stack[low, :, right] * right_share
@@ -225,19 +229,19 @@ class ParallelRays:
                 low, high, later_share = self._views_about(spot[1], central - fan[1] / self.view_step)
                 another = stack[low, :, right] * (1 - later_share) + stack[high, :, right] * later_share
                 rows += another * right_share
-            yield np.where(known[:, None], rows, np.float32(0)).T
+            yield np.where(known[:, None], rows, np.float32(0)).swapaxes(1, 2)
 
     def _views_about(self, spot, view):
-        """Return the views of a spot before and after a fractional view, and the weight of the later view, (t, 1)."""
+        """Return the views of a spot before and after fractional views, and the weights of the later, (..., 1)."""
         views, spots = self.geometry.views, len(self.geometry.spots_mm)
         number = (view - spot) / spots
         low = np.floor(number).astype(int)
         if self.periodic:
-            later_share = (number - low).astype(np.float32)[:, None]
+            later_share = (number - low).astype(np.float32)[..., None]
             return (low * spots + spot) % views, ((low + 1) * spots + spot) % views, later_share
         last = (views - 1 - spot) // spots
         low = np.clip(low, 0, last)
-        later_share = np.clip(number - low, 0, 1).astype(np.float32)[:, None]
+        later_share = np.clip(number - low, 0, 1).astype(np.float32)[..., None]
         return low * spots + spot, np.minimum(low + 1, last) * spots + spot, later_share
 
     def directions_seen(self, points_mm: np.ndarray) -> np.ndarray:

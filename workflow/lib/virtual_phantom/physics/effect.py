@@ -351,8 +351,13 @@ def acts_on_images(name: str) -> bool:
 
 def image_effects() -> tuple[str, ...]:
     """Return the names of effects on reconstructed images, in order of application."""
-    effects = [load(name) for name in names() if acts_on_images(name)]
-    return tuple(effect.name for effect in sorted(effects, key=lambda effect: (effect.rank, effect.name)))
+    return _image_effects(names())
+
+
+@cache
+def _image_effects(known):
+    found = [load(name) for name in known if acts_on_images(name)]
+    return tuple(effect.name for effect in sorted(found, key=lambda effect: (effect.rank, effect.name)))
 
 
 @dataclass(frozen=True)

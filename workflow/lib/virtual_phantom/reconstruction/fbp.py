@@ -109,9 +109,11 @@ class ParallelProjections:
         packed = parallel_stack(rays, len(line_integrals))
         for lane, stack in enumerate(line_integrals):
             stack = rays.weighted_by_cone_angle(stack)
-            images = chain.from_iterable(rays.rebin(stack, level) for level in range(rays.levels))
-            for i, image in enumerate(images):
-                packed[i, 1:-1, 1:-1, lane] = ramp_filter(image, rays.t_pitch_mm, kernel).T
+            first = 0
+            for images in chain.from_iterable(rays.rebin(stack, level) for level in range(rays.levels)):
+                filtered = ramp_filter(images, rays.t_pitch_mm, kernel).swapaxes(1, 2)
+                packed[first : first + len(images), 1:-1, 1:-1, lane] = filtered
+                first += len(images)
         return cls(rays, packed, len(line_integrals), engine)
 
     def back(self, projector) -> np.ndarray:
