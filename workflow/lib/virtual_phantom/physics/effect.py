@@ -110,6 +110,8 @@ class Parameter:
         Property of dark frames that measures the parameter: DARK_LEVEL, DARK_DRIFT or DARK_NOISE.
     periodic : bool
         Whether images change periodically with the inverse of a length, so that fits need many starts.
+    field_of_view : bool
+        Whether the parameter is the radius of the field of view, so that fits also start at the edge of the voxels.
     title : str
         Name in texts; empty: `name` without its unit.
     """
@@ -131,6 +133,7 @@ class Parameter:
     nominal: str | None = None
     dark: str | None = None
     periodic: bool = False
+    field_of_view: bool = False
     title: str = ""
 
     @property
@@ -243,6 +246,11 @@ class Effect:
     def kinematic(self) -> bool:
         """Whether the effect only moves rays or the object. Such effects have no model error."""
         return self.stage in (GEOMETRY, MOTION) or all(map(self.moves, self.parameters))
+
+    @property
+    def shades(self) -> bool:
+        """Whether the effect changes uniform areas of images, which no filter of the reconstruction does."""
+        return self.stage == "image" and self.rank != 0 and not self.pattern
 
     def moves(self, parameter: Parameter) -> bool:
         """Whether a parameter displaces rays or the object to first order; the width of a blur does not."""

@@ -12,6 +12,7 @@ from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
 from ...physics.effect import Parameter, absolute_attenuation, acts_on_images, filter_factor, image_effects, load
+from ...physics.image_state import ImageState
 from ...physics.state import State
 from ...simulation.reconstruct import apply_image_effects
 from ..fitting.linearization import BASE, Linearization, LinearizationPoint, before_images
@@ -68,11 +69,17 @@ class ImagesModel(Model):
         self._lines, self._images = LRUCache(LINES_KEPT), LRUCache(IMAGES_KEPT)
 
     def _unknown(self, name: str, parameter: Parameter) -> Unknown | None:
-        """See Model; with starts in each period of a periodic length, from half a pixel to two pixels."""
+        """See Model; with starts in each period of a periodic length, and at the edge of the voxels that count."""
         found = super()._unknown(name, parameter)
-        if found is None or not parameter.periodic or name in self.declared:
+        if found is None or name in self.declared or not (parameter.periodic or parameter.field_of_view):
             return found
         pixel = min(self.spacing_mm[1:])
+        if parameter.field_of_view:
+            white = self.condenser.white
+            radius = ImageState(white.sd, self.spacing_mm).radius_mm[white.used.any(axis=0)].max() + pixel
+            edge = parameter.to_variable(float(np.clip(radius, parameter.low, parameter.high)))
+            return replace(found, starts=(*found.starts, edge))
+        # From half a pixel to two pixels.
         # A period changes the number of pixels across the image by 1.
         step = 1 / (STARTS_PER_PERIOD * pixel * max(self.condenser.expected.shape[1:]))
         lengths = 1 / np.arange(max(0.5 / pixel, 1 / parameter.high), 2 / pixel, step)

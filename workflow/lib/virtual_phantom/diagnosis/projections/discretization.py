@@ -18,9 +18,9 @@ from ...physics.state import Inclusions
 from ..fitting.linearization import NOMINAL, LinearizationPoint
 from ..fitting.nuisance import pose_of
 
-# Change of predictions, as chi-square, from which errors are recomputed. In a helical scan of shapes in which nothing is
-# hidden (blind validation, seed 5414, case 26), the chi-square of the fit without effects is 14,451 with a limit of 500,
-# and 14,301 with 50 or 5. With 500, a focal spot, whose fit recomputes the errors, gains a log score of 48; with 50 none.
+# Change of predictions, as chi-square, from which errors are recomputed. In a helical scan of shapes without hidden
+# effects (blind validation, seed 5414, case 26), the fit without effects has a chi-square of 14,451 with a limit of
+# 500, and of 14,301 with 50 or 5. With 500, a focal spot, whose fit recomputes the errors, gains a log score of 48.
 MOST_STRAY = 50.0
 KEPT = 4  # cached linearization points
 # Factor of the rays per pixel and direction that shows the error of the model: for voxels, and for shapes, whose edges

@@ -15,7 +15,7 @@ from ..uncertainty.model_error import Errors
 from .exchange import exchanged
 from .fit_cache import FitCache
 from .progress import DiagnosisProgress
-from .screening import Screened, best_few, is_unconfounded, screened, stands_out, worth_fitting
+from .screening import Screened, best_few, differs_in_kind, is_unconfounded, screened, stands_out, worth_fitting
 from .trials import trials
 
 # Significance level of an effect's likelihood ratio over all candidates; a choice. In 1 of 32 scans of the blind
@@ -298,7 +298,7 @@ class ForwardSelection:
         if not rest.fit.effects:
             return None
         beside = self.fits.filters_beside_all_models(rest.fit, [effect, *others])
-        if not is_unconfounded(effect, beside, 2 * LEAST_GAIN, 2 * RULED_OUT):
+        if not is_unconfounded(effect, rest.fit.effects, beside, 2 * LEAST_GAIN, 2 * RULED_OUT):
             return None
         gains = {name: filtered.beside_model_error.gain for name, filtered in beside.items()}
         return {name: max(0.0, gains[effect] - gains[name]) / 2 for name in others if not beside[name].blind}
@@ -382,19 +382,19 @@ class CandidateFits:
         return self.screen(fit, names, accuracy=self.accuracy, fitted_too=True)
 
     def unconfounded(self, fit: Fit, found: Mapping[str, Screened]) -> set[str]:
-        """Return the effect that moves rays or the object whose gain nothing else explains, if there is one.
+        """Return the effect that differs in kind from the fitted ones and whose gain nothing else explains, if any.
 
-        Errors in the model of a signal cannot move rays. Effects that do not move rays are never unconfounded, because
-        other model errors may look like several of them. `found` are the matched filters for the fit.
+        Other effects are never unconfounded, because other model errors may look like several of them. `found` are the
+        matched filters for the fit.
         """
-        moving = [filtered for name, filtered in found.items() if load(name).kinematic]
+        other_kind = [filtered for name, filtered in found.items() if differs_in_kind(name, fit.effects)]
         if sum(weight.size for weight in self.fitter.weights) > MOST_DATA or not any(
-            stands_out(filtered.beside_model_error, len(found), 2 * LEAST_GAIN) for filtered in moving
+            stands_out(filtered.beside_model_error, len(found), 2 * LEAST_GAIN) for filtered in other_kind
         ):
             return set()
         beside = self.filters_beside_all_models(fit, list(found))
         best = max(beside, key=lambda name: beside[name].beside_model_error.gain)
-        return {best} if is_unconfounded(best, beside, 2 * LEAST_GAIN, 2 * RULED_OUT) else set()
+        return {best} if is_unconfounded(best, fit.effects, beside, 2 * LEAST_GAIN, 2 * RULED_OUT) else set()
 
     def single(self, names: Sequence[str]) -> dict[str, Trial]:
         """Fit candidates alone."""

@@ -238,11 +238,23 @@ def stands_out(filtered: Screened, count: int, least_gain: float) -> bool:
     return filtered.p * count < SCREEN and filtered.gain > least_gain
 
 
-def is_unconfounded(effect: str, beside: Mapping[str, Screened], least_gain: float, lead: float) -> bool:
-    """Return whether an effect moves rays or the object, and neither model errors nor other effects explain its gain.
+def differs_in_kind(effect: str, fitted: Sequence[str]) -> bool:
+    """Return whether model errors of fitted effects cannot look like an effect.
+
+    Errors of signals cannot move rays or the object. The error of a filter is a filter, which keeps uniform areas.
+    """
+    return load(effect).kinematic or (load(effect).shades and all(load(name).mtf is not None for name in fitted))
+
+
+def is_unconfounded(
+    effect: str, fitted: Sequence[str], beside: Mapping[str, Screened], least_gain: float, lead: float
+) -> bool:
+    """Return whether an effect differs in kind, and neither model errors nor other effects explain its gain.
 
     Parameters
     ----------
+    fitted : sequence of str
+        Fitted effects without this one.
     beside : mapping of str to Screened
         Matched filters of the effect and of all others, with model errors.
     least_gain, lead : float
@@ -251,7 +263,7 @@ def is_unconfounded(effect: str, beside: Mapping[str, Screened], least_gain: flo
     own = beside[effect].beside_model_error
     others = max((filtered.beside_model_error.gain for name, filtered in beside.items() if name != effect), default=0.0)
     keeps = stands_out(own, len(beside), least_gain) and own.gain >= KEPT_BESIDE_MODEL_ERROR * beside[effect].gain
-    return load(effect).kinematic and keeps and own.gain - others >= lead
+    return differs_in_kind(effect, fitted) and keeps and own.gain - others >= lead
 
 
 def worth_fitting(
