@@ -15,7 +15,9 @@ from .linearization import LinearizationPoint
 from .nuisance import POSES, SURE, Nuisance
 from .steps import bounded_step
 
-MOST_LINEARISATIONS = 3  # maximum of recomputations of numerical errors in a fit, each after convergence
+# Maximum of recomputations of numerical errors in a fit, each after convergence. 3 are too few for the scan that
+# discretization.MOST_STRAY describes.
+MOST_LINEARISATIONS = 6
 # Further starts after a fit has stalled: distances from its end, as shares of the range.
 FARTHER = (-0.5, -0.1, 0.1, 0.5)
 # Finite differences: shares of the plausible range and of a nuisance parameter's standard deviation. Path lengths are
