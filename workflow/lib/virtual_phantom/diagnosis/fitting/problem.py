@@ -16,10 +16,10 @@ from .nuisance import POSES, SURE, Nuisance
 from .steps import bounded_step
 
 MOST_LINEARISATIONS = 3  # maximum of recomputations of numerical errors in a fit, each after convergence
-# Fits without effects are the reference of all gains and the start of other fits, so their numerical errors are
+# Fits without effects are the reference of all gains, and other fits start from them. Their numerical errors are
 # recomputed up to six times, after a tenth of the change of predictions. In a helical scan of shapes without hidden
 # effects (blind validation, seed 5414, case 26), this lowers their chi-square from 14,451 to 14,301. Before, a focal
-# spot, whose fit recomputed the errors, gained a log score of 48; with the same errors it gains none.
+# spot gained a log score of 48, because its fit recomputed the errors; with the same errors it gains none.
 MOST_LINEARISATIONS_ALONE, STRICTER_ALONE = 6, 10
 # Further starts after a fit has stalled: distances from its end, as shares of the range.
 FARTHER = (-0.5, -0.1, 0.1, 0.5)
