@@ -73,7 +73,9 @@ def test_level_never_exceeds_the_distance(axes, n, p, q):
         Tube(((0, 0, -5), (1, 4, 5)), (axes[0] / 3, axes[1] / 3)),
     ):
         walked = math.dist(p, q)
-        assert abs(float(shape.level(*p[::-1])) - float(shape.level(*q[::-1]))) <= walked * (1 + 1e-9) + 1e-9
+        changed = abs(float(shape.level(*p[::-1])) - float(shape.level(*q[::-1])))
+        assert changed <= walked * (1 + 1e-9) + 1e-9
+        assert changed <= shape.change(tuple(abs(a - b) for a, b in zip(p[::-1], q[::-1], strict=True))) + 1e-9
 
 
 def test_rotation_is_counterclockwise_seen_from_above():

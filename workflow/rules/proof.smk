@@ -107,7 +107,7 @@ rule proof_verdicts:
     """The verdict document of each diagnosis, with hashes of the diagnosis, before any seal is opened."""
     input:
         diagnoses=proof.all("proof_diagnosis"),
-        others=lambda wildcards: proof.compared(),
+        others=proof.compared(),
     output:
         proof.all("verdict"),
     log:
@@ -126,9 +126,9 @@ rule proof_score:
         seals=rules.proof_seal.output.seals,
         verdicts=rules.proof_verdicts.output,
         diagnoses=proof.all("proof_diagnosis"),
-        others=lambda wildcards: proof.compared(),
+        others=proof.compared(),
         maps=proof.all("proof_maps"),
-        times=lambda wildcards: proof.times(),
+        times=proof.times(),
         real=proof.real("diagnosis"),
         real_maps=proof.real("diagnosis_maps"),
         registration=rules.proof_seal.output.registration,

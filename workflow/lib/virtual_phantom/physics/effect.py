@@ -363,7 +363,7 @@ def image_effects() -> tuple[str, ...]:
 
 
 @cache
-def _image_effects(known):
+def _image_effects(known: tuple[str, ...]) -> tuple[str, ...]:
     found = [load(name) for name in known if acts_on_images(name)]
     return tuple(effect.name for effect in sorted(found, key=lambda effect: (effect.rank, effect.name)))
 

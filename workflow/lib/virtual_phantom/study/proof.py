@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 from ..base.errors import InputError
 from ..base.geometry import ImageProtocol
@@ -26,8 +25,8 @@ from ..proof.hiding.suite import (
     check_recordings,
     check_simulators,
     check_tried,
+    singles,
     truth,
-    truths,
     worlds,
 )
 from ..recordings.scan import DETECTOR
@@ -110,17 +109,13 @@ class Proof:
 
         A table is made after the diagnosis of its case, so that it reveals nothing to the diagnosis.
         """
-        return [self.files("proof_elsewhere", case=case) for case in self._singles]
+        return [self.files("proof_elsewhere", case=case) for case in singles(self.settings)]
 
     def times(self) -> list[str]:
         """Return the benchmark files of the jobs of all cases."""
         jobs = [(job, case) for job in ("scan", "diagnosis") for case in self.cases]
-        jobs += [("elsewhere", case) for case in self._singles]
+        jobs += [("elsewhere", case) for case in singles(self.settings)]
         return [self.files.benchmark(f"proof/{job}_{case}") for job, case in jobs]
-
-    @cached_property
-    def _singles(self) -> tuple[str, ...]:
-        return tuple(case for case, drawn in truths(self.settings).items() if drawn["category"] == "single")
 
     def real(self, name: str) -> list[str]:
         """Return the paths of an output of the diagnoses of all real recordings in the report."""

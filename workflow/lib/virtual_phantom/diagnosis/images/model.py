@@ -71,19 +71,21 @@ class ImagesModel(Model):
     def _unknown(self, name: str, parameter: Parameter) -> Unknown | None:
         """See Model; with starts in each period of a periodic length, and at the edge of the voxels that count."""
         found = super()._unknown(name, parameter)
-        if found is None or name in self.declared or not (parameter.periodic or parameter.field_of_view):
+        if found is None or name in self.declared:
             return found
         pixel = min(self.spacing_mm[1:])
-        if parameter.field_of_view:
+        if parameter.periodic:
+            # From half a pixel to two pixels. A period changes the number of pixels across the image by 1.
+            step = 1 / (STARTS_PER_PERIOD * pixel * max(self.condenser.expected.shape[1:]))
+            lengths = 1 / np.arange(max(0.5 / pixel, 1 / parameter.high), 2 / pixel, step)
+        elif parameter.field_of_view:
             white = self.condenser.white
-            radius = ImageState(white.sd, self.spacing_mm).radius_mm[white.used.any(axis=0)].max() + pixel
-            edge = parameter.to_variable(float(np.clip(radius, parameter.low, parameter.high)))
-            return replace(found, starts=(*found.starts, edge))
-        # From half a pixel to two pixels.
-        # A period changes the number of pixels across the image by 1.
-        step = 1 / (STARTS_PER_PERIOD * pixel * max(self.condenser.expected.shape[1:]))
-        lengths = 1 / np.arange(max(0.5 / pixel, 1 / parameter.high), 2 / pixel, step)
-        return replace(found, starts=(*found.starts, *map(parameter.to_variable, lengths)), periodic=True)
+            radius = ImageState(white.sd, self.spacing_mm).radius_mm[white.used.any(axis=0)].max()
+            lengths = [float(np.clip(radius + pixel, parameter.low, parameter.high))]
+        else:
+            return found
+        starts = (*found.starts, *map(parameter.to_variable, lengths))
+        return replace(found, starts=starts, periodic=parameter.periodic)
 
     def nuisances_for(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """Return the nuisance parameters. With absolute attenuation, the scale has the wide prior of WATER_SD."""

@@ -83,10 +83,12 @@ def cases(settings: ProofSettings) -> list[str]:
 
 def worlds(settings: ProofSettings) -> dict[str, World]:
     """Return {case: world}. Images follow after all projections."""
-    return {
-        case: _world(number, kind, planned)
-        for number, (case, (kind, planned)) in enumerate(zip(cases(settings), _ordered(settings), strict=True))
-    }
+    return {case: _world(*one) for case, one in _planned(settings).items()}
+
+
+def singles(settings: ProofSettings) -> tuple[str, ...]:
+    """Return the names of the cases with one hidden effect of the library."""
+    return tuple(case for case, (_, _, planned) in _planned(settings).items() if planned.category == "single")
 
 
 def _world(number: int, kind: str, planned: Planned) -> World:
@@ -142,14 +144,22 @@ def check_tried(settings: ProofSettings) -> None:
 
 def truths(settings: ProofSettings) -> dict[str, dict]:
     """Return {case: truth}, as for seal.sealed, from the section `proof` of the configuration."""
-    return {case: truth(case, settings) for case in cases(settings)}
+    return {
+        case: _truth(case, _world(number, kind, planned), planned, settings)
+        for case, (number, kind, planned) in _planned(settings).items()
+    }
 
 
 def truth(case: str, settings: ProofSettings) -> dict:
     """Return the truth of one case."""
-    number = cases(settings).index(case)
-    kind, planned = _ordered(settings)[number]
+    number, kind, planned = _planned(settings)[case]
     return _truth(case, _world(number, kind, planned), planned, settings)
+
+
+def _planned(settings: ProofSettings) -> dict[str, tuple[int, str, Planned]]:
+    """Return {case: (number, kind, plan)}."""
+    numbered = enumerate(zip(cases(settings), _ordered(settings), strict=True))
+    return {case: (number, kind, planned) for number, (case, (kind, planned)) in numbered}
 
 
 def _ordered(settings: ProofSettings) -> list[tuple[str, Planned]]:
