@@ -33,7 +33,7 @@ from virtual_phantom.diagnosis.scanned_object import scene_of
 from virtual_phantom.diagnosis.selection.progress import FITTED, RANKED, DiagnosisProgress
 from virtual_phantom.diagnosis.settings import FitSettings, RecordingSettings
 from virtual_phantom.diagnosis.setup.check import check_setup
-from virtual_phantom.diagnosis.workload import samples_for
+from virtual_phantom.diagnosis.workload import SAMPLES
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.io.schema import defaults_of, fill_defaults, schema_of
 from virtual_phantom.io.volumes import Volume, shape_of, write_nifti
@@ -144,10 +144,7 @@ def written(case, folder):
     inputs = {key: str(path) for key, path in inputs.items()}
     geometry, random = geometry_of(case), np.random.default_rng(np.random.SeedSequence(SEED))
     scene = scene_of(DiagnosisRequest.of(model, inputs.get("phantom"), 1))
-    shapes = settings.of_shapes
-    samples = samples_for(settings.samples, shapes, geometry.shape)
-    # Edges of shapes are sharp: few rays miss them.
-    chain = Chain(scene, geometry, PHOTONS, samples=3 * samples if shapes else samples + 1)
+    chain = Chain(scene, geometry, PHOTONS, samples=(settings.samples or SAMPLES) + 1)
     state = chain.state(checked(dict.fromkeys(case.lacks, {})))
     air = state.measured_air * state.photons
     files = [f"{number}.h5" for number in range(case.repeats)]

@@ -21,8 +21,8 @@ from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose
-from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
+from virtual_phantom.physics.scenes.scene import Pose
+from virtual_phantom.physics.scenes.shapes import DiscScene, ShapesScene, cylinder
 
 SAMPLES, FINER = 2, 3
 DISC_MM, OFF_AXIS_MM = 160.0, 45.0

@@ -19,7 +19,8 @@ from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.diagnosis.scanner.scanner import run_scanner_diagnosis
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import Pose
+from virtual_phantom.physics.scenes.shapes import DiscScene
 
 COUNTS = (1, 2, 4, 8, 16, 26)
 GEOMETRY = common.circular_scan(90, 96, 2, 5.0, view_interval_ms=10.0)

@@ -16,7 +16,8 @@ from virtual_phantom.diagnosis.comparison.scans import Reconstruction, agreement
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.report.agreement_table import agreement_table
 
 PHOTONS, MU_WATER = 1e5, 0.0193

@@ -11,7 +11,7 @@ from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.selection import forward_selection, screening
 from virtual_phantom.diagnosis.uncertainty.model_error import shapes
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 
 PHOTONS = 1e5
 TRIED = ("dark_signal", "motion", "afterglow")

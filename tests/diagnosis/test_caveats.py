@@ -11,7 +11,7 @@ from virtual_phantom.diagnosis.projections.lost_rays import check_scans
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 
 PHOTONS = 2e5
 

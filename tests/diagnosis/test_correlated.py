@@ -18,7 +18,8 @@ from virtual_phantom.diagnosis.uncertainty.prediction_error import changes_by_pa
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.noise.correlation import correlations
-from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.physics.state import State
 
 PHOTONS = 1e5

@@ -22,7 +22,8 @@ from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.io.files import checksum_path
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.report.diagnosis import diagnosis_page, residual_maps
 

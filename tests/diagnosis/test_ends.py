@@ -6,7 +6,8 @@ import pytest
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.projections.lost_rays import LEAST_MISSING, truncation_of
 from virtual_phantom.physics.scenes.posed import PosedScene
-from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 
 GEOMETRY = circular(
     views=24,

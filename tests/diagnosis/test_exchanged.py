@@ -12,7 +12,8 @@ from virtual_phantom.diagnosis.selection import forward_selection
 from virtual_phantom.diagnosis.selection.exchange import exchanged
 from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD, LIKE, choose
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import Pose
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.recordings.projections import Projections
 
 PHOTONS = 1e5

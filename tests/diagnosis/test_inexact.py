@@ -9,7 +9,7 @@ from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.uncertainty import model_error
 from virtual_phantom.diagnosis.uncertainty.model_error import errors_with_models, harmonics, shapes
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 
 PHOTONS, SHARE, LEVEL = 1e5, 0.1, 400.0
 TRUE = {"dark_signal": {"level_units": LEVEL, "drift_units_per_s": 0.0}}

@@ -24,7 +24,8 @@ from virtual_phantom.diagnosis.uncertainty.model_error import (
 from virtual_phantom.io.documents import SCANNER, schema_of_kind
 from virtual_phantom.io.schema import defaults_of, validate
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import Pose
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.report.scanner import scanner_page
 
 PHOTONS = 2e5

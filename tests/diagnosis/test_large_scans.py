@@ -6,12 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis import workload
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 
 GEOMETRY = circular(
     views=180,
@@ -40,18 +38,6 @@ def test_number_of_fitted_views(shape, samples, step):
 def test_step_is_odd_and_leaves_enough_views(views, rows, columns, samples):
     step = workload.step_for((views, rows, columns), samples)
     assert step % 2 == 1 and len(range(0, views, step)) >= min(views, workload.FEWEST_VIEWS)
-
-
-def test_shapes_have_more_rays_per_pixel_if_all_views_are_fitted():
-    small, middle, large = (90, 8, 64), (300, 12, 64), (984, 64, 888)
-    assert [workload.samples_for(None, True, shape) for shape in (small, middle, large)] == [4, 3, 2]
-    assert workload.rays_of(middle, 3) <= workload.MOST_FITTED < workload.rays_of(middle, 4)
-    assert workload.samples_for(None, False, small) == 2  # voxels
-    assert workload.samples_for(1, True, small) == 1 and workload.samples_for(6, False, large) == 6
-    scanned = {"disc": {"diameter_mm": 70, "material": "pmma"}}, {"object": {"kind": "pmma_disc"}}
-    others = {}, {"object": {"mask": "m.nii", "material": "pmma"}}
-    assert all(from_mapping(RecordingSettings, one).of_shapes for one in scanned)
-    assert not any(from_mapping(RecordingSettings, one).of_shapes for one in others)
 
 
 @pytest.mark.parametrize("repeats", [1, 4])

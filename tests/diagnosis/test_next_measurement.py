@@ -43,7 +43,8 @@ from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.figures.next_measurement import draw_ranking
 from virtual_phantom.io.schema import read_schema, validate
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import Pose
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.recordings.scan import scan_geometry
 
 PHOTONS = 1e5

@@ -38,8 +38,8 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes import shapes
 from virtual_phantom.physics.scenes.labeled import read_label_map
 from virtual_phantom.physics.scenes.sampling import average_rays, supersampled
-from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
-from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
+from virtual_phantom.physics.scenes.scene import VoxelScene
+from virtual_phantom.physics.scenes.shapes import DiscScene, ShapesScene, cylinder
 
 PHOTONS, MU_WATER = 1e5, 0.02
 GEOMETRY = circular(

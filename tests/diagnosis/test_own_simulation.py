@@ -25,8 +25,7 @@ from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
 from virtual_phantom.physics.scenes.sampling import displace_source
-from virtual_phantom.physics.scenes.scene import DiscScene
-from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
+from virtual_phantom.physics.scenes.shapes import DiscScene, ShapesScene, cylinder
 from virtual_phantom.physics.scenes.simulated import SimulatedScene
 from virtual_phantom.proof.hiding import generate, xcist
 from virtual_phantom.proof.hiding.orbits import Orbit

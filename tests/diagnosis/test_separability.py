@@ -22,7 +22,7 @@ from virtual_phantom.diagnosis.planning.separability import (
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, applicable_effects, names
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.recordings.projections import Projections
 
 PHOTONS = 1e5

@@ -12,8 +12,8 @@ from virtual_phantom.diagnosis.setup.mismatch import Comparison
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
-from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
+from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
+from virtual_phantom.physics.scenes.shapes import DiscScene, ShapesScene, cylinder
 from virtual_phantom.recordings.scan import scan_geometry
 
 SCAN = {

@@ -10,7 +10,7 @@ from virtual_phantom.diagnosis.setup.descriptions import descriptions
 from virtual_phantom.diagnosis.setup.mismatch import Comparison
 from virtual_phantom.io.schema import read_schema, validate
 from virtual_phantom.io.volumes import Volume, write_nifti
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.recordings.importers.projections import import_projections
 from virtual_phantom.report.diagnosis import write_results
 

@@ -23,7 +23,7 @@ from virtual_phantom.diagnosis.verdict_text import (
 )
 from virtual_phantom.physics.beam import sensors
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.report import diagnosis as report
 
 GEOMETRY = circular(

@@ -34,7 +34,7 @@ from virtual_phantom.diagnosis.verdict.verdict import diagnose, excess_rms_remov
 from virtual_phantom.io import volumes
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.posed import PosedScene
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.recordings.importers.htc2022 import with_partial_pixels
 from virtual_phantom.recordings.projections import Projections
 

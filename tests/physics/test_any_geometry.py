@@ -12,7 +12,8 @@ from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.scenes.prism import PrismScene
 from virtual_phantom.physics.scenes.sampling import displace_source
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.projectors.cpu import CpuProjector
 
 DETECTOR = dict(**SCANNER, columns=41, rows=9, column_pitch_mm=4.0, row_pitch_mm=10.0, column_offset_px=0.3)

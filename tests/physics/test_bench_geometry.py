@@ -14,8 +14,8 @@ from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.base.mounting import AS_STATED, Mounting
 from virtual_phantom.physics.chain import SOLID_ANGLE, Chain
 from virtual_phantom.physics.scenes.posed import PosedScene
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
-from virtual_phantom.physics.scenes.shapes import ShapesScene, ellipsoid
+from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
+from virtual_phantom.physics.scenes.shapes import DiscScene, ShapesScene, ellipsoid
 
 VIEWS, SOURCE, DISTANCE = 8, 500.0, 1000.0
 BALL = np.array([30.0, -20.0, 12.0])

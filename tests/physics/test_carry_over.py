@@ -20,8 +20,8 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import OF_AIR, acts_on_images, load, names, needs_times
 from virtual_phantom.physics.effects.afterglow import of_views
 from virtual_phantom.physics.noise.correlation import correlations
-from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, DiscScene
-from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
+from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV
+from virtual_phantom.physics.scenes.shapes import DiscScene, ShapesScene, cylinder, ellipsoid
 from virtual_phantom.physics.state import AIR, EARLIER_VIEWS, State, interpolate_views, with_afterglow
 from virtual_phantom.physics.stored_state import read_state, to_store
 from virtual_phantom.recordings.projections import Projections

@@ -12,8 +12,7 @@ from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.physics.effects.afterglow import of_views
-from virtual_phantom.physics.scenes.scene import DiscScene
-from virtual_phantom.physics.scenes.shapes import ShapesScene, box
+from virtual_phantom.physics.scenes.shapes import DiscScene, ShapesScene, box
 from virtual_phantom.physics.spread import spread
 from virtual_phantom.physics.state import CORRECTION_LIMIT, State, correction_polynomial
 from virtual_phantom.physics.stored_state import read_state, to_store

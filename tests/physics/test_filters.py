@@ -13,7 +13,7 @@ from virtual_phantom.physics.beam.sensors import response
 from virtual_phantom.physics.beam.spectra import Anode, tube_spectrum
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.physics.state import State
 
 SCANNER = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0)

@@ -14,8 +14,7 @@ from virtual_phantom.base.settings import ShapedRoi
 from virtual_phantom.physics.beam.materials import Mixture, attenuation_per_mm
 from virtual_phantom.physics.scenes.object_files import object_names, object_path
 from virtual_phantom.physics.scenes.objects import read_object
-from virtual_phantom.physics.scenes.scene import DiscScene
-from virtual_phantom.physics.scenes.shapes import NOTHING, ShapesScene, box, cone, cylinder, ellipsoid
+from virtual_phantom.physics.scenes.shapes import NOTHING, DiscScene, ShapesScene, box, cone, cylinder, ellipsoid
 from virtual_phantom.physics.scenes.voxelized import shape_shares, voxelize
 from virtual_phantom.study.checks.preflight import problems
 

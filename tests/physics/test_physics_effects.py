@@ -17,7 +17,8 @@ from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load
 from virtual_phantom.physics.noise.correlation import correlations
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.physics.scenes.sampling import displace_source, pixel_quadrature
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.physics.state import State, with_afterglow, with_crosstalk
 from virtual_phantom.simulation.reconstruct import apply_image_effects
 

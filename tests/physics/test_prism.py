@@ -8,7 +8,8 @@ import pytest
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.scenes.prism import PrismScene
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import Pose
+from virtual_phantom.physics.scenes.shapes import DiscScene
 
 GEOMETRY = circular(
     views=7,

@@ -14,7 +14,7 @@ from virtual_phantom.physics.beam.sensors import COUNTS, ENERGY, SENSORS, Sensor
 from virtual_phantom.physics.beam.spectra import TUNGSTEN, tube_spectrum, weighted_spectrum
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.physics.stored_state import read_state, to_store
 
 SPECTRUM = {"kvp": 120.0, "filtration_mm": 3.0, "sensor_mm": 0.6}

@@ -9,8 +9,17 @@ from hypothesis import strategies as st
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose
-from virtual_phantom.physics.scenes.shapes import NOTHING, ShapesScene, box, cone, cylinder, ellipsoid, half_space
+from virtual_phantom.physics.scenes.scene import Pose
+from virtual_phantom.physics.scenes.shapes import (
+    NOTHING,
+    DiscScene,
+    ShapesScene,
+    box,
+    cone,
+    cylinder,
+    ellipsoid,
+    half_space,
+)
 
 GEOMETRY = circular(
     views=7,

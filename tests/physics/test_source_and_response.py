@@ -13,7 +13,8 @@ from virtual_phantom.physics.beam.spectra import Anode
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import check_readings, checked, load
 from virtual_phantom.physics.scenes.sampling import later_geometry, sources
-from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, Pose
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.physics.state import State
 
 RADIUS, DISTANCE, PHOTONS = 500.0, 1000.0, 2e4

@@ -12,8 +12,7 @@ from virtual_phantom.physics.beam.materials import attenuation_per_mm as attenua
 from virtual_phantom.physics.beam.spectra import Anode
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
-from virtual_phantom.physics.scenes.scene import DiscScene
-from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
+from virtual_phantom.physics.scenes.shapes import DiscScene, ShapesScene, cylinder, ellipsoid
 from virtual_phantom.physics.state import State
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.generate import NOMINAL

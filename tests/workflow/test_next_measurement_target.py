@@ -11,7 +11,8 @@ from workflow_runs import snakemake
 
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import Pose
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.recordings.document import read_document
 from virtual_phantom.recordings.scan import scan_geometry
 

@@ -16,7 +16,7 @@ from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.io.files import read_csv
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.recordings.reading import load_recording
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"

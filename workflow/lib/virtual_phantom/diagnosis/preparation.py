@@ -65,7 +65,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     }
     scene, shape = scene_of_scan(request, recording), recording.geometry.shape
     stated = settings.samples or rays_of_simulation(scene, shape)
-    samples, step = samples_and_step(stated, settings.view_step, settings.of_shapes, shape)
+    samples, step = samples_and_step(stated, settings.view_step, shape)
     model, floor = model_and_floor(scene, recording.geometry, samples, **detector)
     coarse = None
     if settings.of_phantom:

@@ -19,8 +19,8 @@ from ..physics.beam.materials import Segmentation, energy_of
 from ..physics.scenes.labeled import LabelMap, read_label_map
 from ..physics.scenes.objects import ShapedObject, read_object
 from ..physics.scenes.prism import PrismScene
-from ..physics.scenes.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
-from ..physics.scenes.shapes import ShapesScene
+from ..physics.scenes.scene import DISC_ENERGY_KEV, VoxelScene
+from ..physics.scenes.shapes import DiscScene, ShapesScene
 from .request import DiagnosisRequest
 from .settings import LabelledObject, MaskedObject, ShapesObject
 

@@ -106,7 +106,7 @@ class RecordingSettings:
     Attributes
     ----------
     samples : int or None
-        Rays per detector pixel and direction; None: see workload.samples_for.
+        Rays per detector pixel and direction; None: workload.SAMPLES.
     view_step : int or None
         Step between the views that are used; None: see workload.step_for.
     alignment : mapping of str to float
@@ -169,11 +169,6 @@ class RecordingSettings:
     def of_unknown(self) -> bool:
         """Whether the scanned object is not known."""
         return isinstance(self.object, UnknownObject)
-
-    @property
-    def of_shapes(self) -> bool:
-        """Whether a disc or an object of shapes was scanned."""
-        return self.disc is not None or isinstance(self.object, ShapesObject)
 
     @property
     def in_fits(self) -> RecordingSettings:

@@ -10,9 +10,7 @@ import math
 # Rays of one fit, with all rays of a pixel counted, unless `view_step` is set. Two processes need 5 GB.
 MOST_FITTED = 2.5e6
 FEWEST_VIEWS = 24  # fitted and held-out views of a large scan, which still show changes over the rotation
-# Rays per pixel and direction of the model. Shapes have sharp edges. In a scan without missing physics (4 repeats with
-# 1e5 photons), the error with 2 rays looks like a source distance with a log score of 25, with 4 rays of 3.
-SAMPLES, SAMPLES_OF_SHAPES = 2, 4
+SAMPLES = 2  # rays per pixel and direction of the model
 
 
 def rays_of(shape: tuple[int, int, int], samples: int) -> int:
@@ -27,23 +25,6 @@ def rays_of(shape: tuple[int, int, int], samples: int) -> int:
     return views * rows * columns * samples ** (2 if rows > 1 else 1)
 
 
-def samples_for(stated: int | None, shapes: bool, shape: tuple[int, int, int]) -> int:
-    """Return the rays per pixel and direction of a model of projections.
-
-    This is the stated number. Otherwise it is SAMPLES, or for shapes the largest number up to SAMPLES_OF_SHAPES with
-    which all views can be fitted.
-
-    Parameters
-    ----------
-    shapes : bool
-        Whether path lengths come from shapes instead of voxels.
-    """
-    if stated:
-        return stated
-    counts = range(SAMPLES_OF_SHAPES if shapes else SAMPLES, SAMPLES, -1)
-    return next((count for count in counts if rays_of(shape, count) <= MOST_FITTED), SAMPLES)
-
-
 def step_for(shape: tuple[int, int, int], samples: int) -> int:
     """Return the default step between fitted views, with which fits have at most MOST_FITTED rays.
 
@@ -53,9 +34,7 @@ def step_for(shape: tuple[int, int, int], samples: int) -> int:
     return min(step + (step + 1) % 2, max(1, (shape[0] // FEWEST_VIEWS - 1) | 1))
 
 
-def samples_and_step(
-    samples: int | None, view_step: int | None, shapes: bool, shape: tuple[int, int, int]
-) -> tuple[int, int]:
+def samples_and_step(samples: int | None, view_step: int | None, shape: tuple[int, int, int]) -> tuple[int, int]:
     """Return rays per pixel and direction, and the step between views, of a fit of projections."""
-    samples = samples_for(samples, shapes, shape)
+    samples = samples or SAMPLES
     return samples, view_step or step_for(shape, samples)

@@ -35,10 +35,12 @@ from .effect import (
     load,
     needs_times,
 )
+from .scenes.edges import EdgeScan
 from .scenes.inclusion import inclusion_transmission
 from .scenes.posed import LinearizedScene, PosedScan, PosedScene
 from .scenes.sampling import average_rays, later_geometry, sources, supersampled
 from .scenes.scene import IN_PLACE, Pose, VoxelScene, scan_key
+from .scenes.shapes import ShapesScene
 from .state import AIR, EARLIER_VIEWS, PHOTONS, Inclusions, State
 
 # Cached results. A fit varies one parameter at a time, and most parameters leave the results of earlier stages as they
@@ -46,6 +48,7 @@ from .state import AIR, EARLIER_VIEWS, PHOTONS, Inclusions, State
 MAX_PATHS, MAX_TRANSMISSIONS = 20, 24
 # For each of the two caches. Small scans cache more results: an extended source at several times needs 50 and more.
 CACHE_BYTES, SMALL_BYTES, MIN_CACHED = 2e8, 2e7, 3
+EDGE_BYTES = 100  # of cached rays at edges, for each ray of a pixel: about twice as many, with vectors and weights
 EVEN, SOLID_ANGLE = "even", "solid_angle"
 
 
@@ -81,7 +84,8 @@ class Chain:
         self.illumination, self.sensor, self.readout = illumination, sensor, readout
         parts, pixels = len(supersampled(geometry, samples)), math.prod(geometry.shape)
         rays = pixels * samples ** (2 if geometry.rows > 1 else 1)
-        self._paths = LRUCache(_cache_length(8 * rays, MAX_PATHS) * parts)
+        edges = samples > 1 and isinstance(scene, ShapesScene)
+        self._paths = LRUCache(_cache_length((8 + EDGE_BYTES * edges) * rays, MAX_PATHS) * (parts + edges))
         self._transmissions = LRUCache(_cache_length(8 * pixels, MAX_TRANSMISSIONS))
         self._earlier_chains: list[Chain] | None = None
 
@@ -274,14 +278,39 @@ class Chain:
             if added:
                 signal = signal * inclusion_transmission(added, rays, pose, motion_mm)
             total = total + average_rays(signal, weights)
+        if self.samples > 1 and isinstance(self.scene, ShapesScene):
+            for edges, paths in self._edges(geometry, pose, motion_mm):
+                signal = self._ray_signal(paths, beam, edges)
+                if added:
+                    signal = signal * inclusion_transmission(added, edges, pose, None)
+                edges.replace_in(total, signal)
         return total
 
-    def _ray_signal(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int]) -> np.ndarray:
-        """Return the signal of every ray by the Beer-Lambert law; `rays` are the (rows, columns) of rays per pixel."""
+    def _edges(self, geometry, pose: Pose, motion_mm) -> list[tuple[EdgeScan, np.ndarray]]:
+        """Return the rays of pixels that see an edge, with their path lengths."""
+
+        def trace() -> list[tuple[EdgeScan, np.ndarray]]:
+            scans = self.scene.edge_scans(geometry, self.samples, pose, motion_mm)
+            return [(edges, self.scene.path_lengths(edges, pose)) for edges in scans]
+
+        return self._paths.get(("edges", scan_key(geometry, pose, motion_mm)), trace)
+
+    def _ray_signal(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int] | EdgeScan) -> np.ndarray:
+        """Return the signal of every ray by the Beer-Lambert law.
+
+        `rays` are the (rows, columns) of rays per pixel, or the rays of pixels that see an edge.
+        """
         if beam is None:
             return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))[None]
         table = np.stack([attenuation_per_mm(material, beam.energies_kev) for material in self.scene.materials])
         shares = np.stack([beam.signal, beam.noise])
+        if shares.ndim > 2 and isinstance(rays, EdgeScan):
+            rows, columns = (
+                pixel if count > 1 else np.zeros_like(pixel)
+                for pixel, count in zip(rays.pixels[1:], shares.shape[-2:], strict=True)
+            )
+            shares = np.broadcast_to(shares[..., rows, columns, None], (*shares.shape[:2], len(rays.weights), 1))
+            return polychromatic_signal(np.moveaxis(paths, 1, 2), table, shares, self.scene.threads).swapaxes(1, 2)
         if shares.ndim > 2:  # shares of pixels become shares of rays, except along axes on which a filter is constant
             for axis, count in zip((-2, -1), rays, strict=True):
                 shares = shares.repeat(count if shares.shape[axis] > 1 else 1, axis)

@@ -425,6 +425,6 @@ class Diagnosis:
         else:
             scan, view_step = self.recordings.content(name)["scan"], settings.view_step
             shape = scan["views"], scan["rows"], scan["columns"]
-        samples, step = samples_and_step(settings.samples, view_step, settings.of_shapes, shape)
+        samples, step = samples_and_step(settings.samples, view_step, shape)
         rays = math.prod(shape) / 1e6
         return int(1500 + READ_BYTES * rays + processes * rays / step * (60 * samples**2 + 500))

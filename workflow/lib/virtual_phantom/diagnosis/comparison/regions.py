@@ -18,7 +18,8 @@ from ...phantom import read_masks
 from ...physics.beam.materials import attenuation_per_mm, energy_of
 from ...physics.scenes.labeled import LabelMap
 from ...physics.scenes.objects import ShapedObject
-from ...physics.scenes.scene import DiscScene, Pose, Scene
+from ...physics.scenes.scene import Pose, Scene
+from ...physics.scenes.shapes import DiscScene
 from ...physics.scenes.simulated import SimulatedScene
 from ...physics.scenes.voxelized import reach_mm, roi_mask, shape_shares, shapes_to_hu
 from ...projectors import projector

@@ -15,8 +15,7 @@ from ...base.settings import FbpSettings, FocalSpot, GridSettings, KernelSetting
 from ...base.vectors import CYLINDRICAL, FLAT
 from ...physics.beam.materials import energy_of
 from ...physics.scenes.prism import PrismScene
-from ...physics.scenes.scene import DiscScene
-from ...physics.scenes.shapes import is_constant_along_z
+from ...physics.scenes.shapes import DiscScene, is_constant_along_z
 from ...recordings.images import ImagesRecording
 from ..request import DiagnosisRequest
 from ..scanned_object import scene_of, shaped_object, shown_slices

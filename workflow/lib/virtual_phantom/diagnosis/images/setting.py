@@ -29,7 +29,7 @@ from ..projections.object_errors import StatedObject
 from ..request import DiagnosisRequest, NominalSettings
 from ..scanned_object import MOST_SLICES, scene_of
 from ..selection.forward_selection import Choice
-from ..workload import samples_for
+from ..workload import SAMPLES
 from .model import REALIZATIONS
 from .own_simulation import simulated_images
 from .prepared import PreparedImages, prepare
@@ -105,8 +105,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         of_slices, voxels = imaged.prism, ComparedVoxels.of_object(imaged, recording.grid.spacing, request)
     repeats, further = (voxels.taken(part, request.mirrored) for part in (recording.repeats, recording.held_out))
     valid, slices_variance, finely, simulated = voxels.valid, None, None, None
-    # The pixels of images of an object are small (scan.PIXEL_OVER_VOXEL).
-    samples = samples_for(settings.samples, settings.of_shapes and settings.of_phantom, protocol.geometry.shape)
+    samples = settings.samples or SAMPLES
     detector = {"sensor": nominal.sensor, "readout": AIR}
     chains = model_and_floor(scene, protocol.geometry, samples, **detector)
     reconstruct = partial(_reconstructed, protocol, request, voxels.made, voxels.shown)

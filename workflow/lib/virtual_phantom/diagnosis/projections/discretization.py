@@ -23,10 +23,7 @@ from ..fitting.nuisance import pose_of
 # a log score of 81.
 MOST_STRAY = 500.0
 KEPT = 4  # cached linearization points
-# Factor of the rays per pixel and direction that shows the error of the model: for voxels, and for shapes, whose edges
-# are sharp. For a body with three inserts, 4 repeats of 1e5 photons and 2 rays, the chi-square of the error is 740,000
-# in 46,080 rays. Twice the rays leave 150,000 of it, four times 30,000 (for voxels with sharp edges 2,400 and 380).
-FINER, FINER_OF_SHAPES = 2, 4
+FINER = 2  # factor of the rays per pixel and direction that shows the error of the model
 SIMULATED = "simulation"  # error of the user's own simulation, in units of the change by more rays per pixel
 # Share of an error that remains after it is fitted, because errors of higher order differ from ray to ray.
 LEFT = {"rays": 1.0, "voxels": 1 / 3, SIMULATED: 0.05}
@@ -44,10 +41,9 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
         Rays per pixel and direction of the first chain.
     """
     voxels = hasattr(scene, "slopes")
-    finer = FINER if voxels or isinstance(scene, SimulatedScene) else FINER_OF_SHAPES
     return (
         Chain(PosedScene(scene, samples) if voxels else scene, geometry, samples=samples, **more),
-        Chain(scene, geometry, samples=finer * samples, **more),
+        Chain(scene, geometry, samples=FINER * samples, **more),
     )
 
 

@@ -6,7 +6,7 @@ is computed where a first fit puts the object and its surfaces, so that later fi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
@@ -33,9 +33,6 @@ DENSITY, SURFACE, HU = "density_of_", "surface_of_", "hu_near_"  # prefixes of n
 SURFACE_VOXELS = 0.25  # additional SD of surfaces of voxels that have one material or none, or HU, in voxels
 STEP_MM = 0.05  # growth of shapes for derivatives
 MOST_PARTS_WITH_ERRORS = 12  # shapes or parts of labels that have errors of their own; otherwise each material
-# Factor of the rays per pixel along columns for errors of shapes, whose edges are sharp. The chain's correction for its
-# rays (discretization.FINER_OF_SHAPES) corrects the stated object by as many.
-FINER_COLUMNS = 4
 # HU at which the error of a phantom in HU is a parameter; linear between them. Soft tissues differ by 20 HU or more.
 NODES_HU = (-1000, -700, -300, -100, -50, 0, 25, 50, 75, 100, 150, 250, 500, 1000, 2000)
 DENSE_HU = 150  # from here on the relative error of the density adds to the error in HU
@@ -317,17 +314,17 @@ class StatedObject:
         def lines(by: Mapping[str, float], attenuation: np.ndarray) -> np.ndarray:
             """Return line integrals as a detector measures them, from the mean transmission of the rays of a pixel."""
             scene = divided.grown([by.get(of_shape[index], 0.0) for index in range(len(shapes))])
-            transmitted = sum(
-                average_rays(_transmission(np.tensordot(attenuation, scene.path_lengths(rays, pose), 1)), weights)
-                for rays, weights in supersampled(geometry, samples, FINER_COLUMNS * samples)
-            )
-            return -np.log(transmitted)
+
+            def transmitted(paths: np.ndarray) -> np.ndarray:
+                return _transmission(np.tensordot(attenuation, paths, 1))
+
+            return -np.log(_mean(transmitted, scene, geometry, samples, pose))
 
         here = lines(grown, denser)
         steps = [grown | {name: grown[name] + STEP_MM} for name in parts]
         growth = np.stack([(lines(step, denser) - here) / STEP_MM for step in steps])
         scene = divided.grown([grown[of_shape[index]] for index in range(len(shapes))])
-        through = mu[:, None, None, None] * _lengths(scene, geometry, samples, pose, FINER_COLUMNS)
+        through = mu[:, None, None, None] * _lengths(scene, geometry, samples, pose)
         changes = np.concatenate([through, growth]).astype(np.float32)
         values = [about.get(number.name, 0.0) for number in (*densities, *surfaces)]
         constant = here - lines({}, mu) - np.tensordot(values, changes, 1) if any(values) else 0.0
@@ -440,9 +437,19 @@ def _transmission(line_integrals: np.ndarray) -> np.ndarray:
     return np.exp(-np.minimum(line_integrals, OPAQUE))
 
 
-def _lengths(scene: Scene, geometry: ScanGeometry, samples: int, pose: Pose, finer_columns: int = 1) -> np.ndarray:
+def _lengths(scene: Scene, geometry: ScanGeometry, samples: int, pose: Pose) -> np.ndarray:
     """Return mean path lengths of the rays of each pixel, mm, float32, shape (materials, views, rows, columns)."""
-    return sum(
-        average_rays(scene.path_lengths(rays, pose), weights).astype(np.float32)
-        for rays, weights in supersampled(geometry, samples, finer_columns * samples)
+    return _mean(lambda paths: paths, scene, geometry, samples, pose).astype(np.float32)
+
+
+def _mean(
+    function: Callable[[np.ndarray], np.ndarray], scene: Scene, geometry: ScanGeometry, samples: int, pose: Pose
+) -> np.ndarray:
+    """Return the mean of a function of path lengths over each pixel, shape (..., views, rows, columns)."""
+    found = sum(
+        average_rays(function(scene.path_lengths(rays, pose)), weights)
+        for rays, weights in supersampled(geometry, samples)
     )
+    for edges in scene.edge_scans(geometry, samples, pose) if isinstance(scene, ShapesScene) else ():
+        edges.replace_in(found, function(scene.path_lengths(edges, pose)))
+    return found

@@ -258,44 +258,6 @@ class VoxelScene(GridScene):
         return scene
 
 
-class DiscScene(Scene):
-    """A homogeneous cylinder along z that is longer than the beam is high, with path lengths in closed form.
-
-    Parameters
-    ----------
-    diameter_mm : float
-        Diameter at size 1; the axis is the z axis.
-    mu_per_mm : float, optional
-        Attenuation of the monochromatic beam in the material, 1/mm, from which its energy follows.
-    energy_kev : float, optional
-        Energy of the monochromatic beam, keV, without `mu_per_mm`.
-
-    Raises
-    ------
-    InputError
-        If the material has this attenuation at no energy.
-    """
-
-    def __init__(
-        self, diameter_mm: float, material: str, mu_per_mm: float | None = None, energy_kev: float = DISC_ENERGY_KEV
-    ):
-        self.radius_mm, self.materials = diameter_mm / 2, (material,)
-        self.energy_kev = energy_kev if mu_per_mm is None else energy_of(material, mu_per_mm)
-
-    def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
-        """As GridScene.path_lengths; rotations have no effect."""
-        center = np.array([pose.x_mm, pose.y_mm, 0.0]) + (0.0 if motion_mm is None else motion_mm)
-        x, y, _ = (geometry.source_mm - center).T[..., None]
-        (to_x, to_y, to_z), rows = geometry.bundles()
-        # In the plane: distance d of the ray from the axis, and chord 2 sqrt(r^2 - d^2).
-        length = np.sqrt(to_x * to_x + to_y * to_y)
-        distance = (x * to_y - y * to_x) / length
-        chord = 2 * np.sqrt(np.maximum((self.radius_mm * pose.size) ** 2 - distance**2, 0))[:, None]
-        # A ray out of the plane is longer than its projection onto the plane by this factor.
-        inclination = np.sqrt(1 + ((to_z[:, None] + rows[:, None]) / length[:, None]) ** 2)
-        return (chord * inclination).astype(np.float32).reshape(1, *geometry.shape)
-
-
 def scan_key(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> Hashable:
     """Return a cache key of the rays of a scan in the object's frame."""
     return geometry.key, pose, None if motion_mm is None else motion_mm.tobytes()

@@ -5,7 +5,7 @@ There is no voxel size, and edges are ideally sharp.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,8 @@ from ...base.geometry import ScanGeometry
 from ...base.pose import IN_PLACE, Pose, turned_axes, turned_back
 from ...projectors.chords import Shapes, Workspace, chords
 from ...projectors.threads import run_in_threads
-from ..beam.materials import Material
+from ..beam.materials import Material, energy_of
+from .edges import EdgeScan, edge_scans
 from .scene import DISC_ENERGY_KEV, Scene
 
 NOTHING = "nothing"  # material of a hole: no attenuation, like the air around the object
@@ -278,6 +279,43 @@ class ShapesScene(Scene):
 
         run_in_threads(run, len(sources), self.threads)
         return lengths.reshape(-1, *geometry.shape)
+
+    def edge_scans(
+        self, geometry: ScanGeometry, samples: int, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None
+    ) -> Iterator[EdgeScan]:
+        """Yield the rays of all pixels that see an edge, as edges.edge_scans. The object does not move in them."""
+        return edge_scans(self._shapes, geometry, samples, pose, motion_mm)
+
+
+class DiscScene(ShapesScene):
+    """A homogeneous cylinder along the z axis that is longer than the beam is high.
+
+    Parameters
+    ----------
+    diameter_mm : float
+        Diameter at size 1.
+    mu_per_mm : float, optional
+        Attenuation of the monochromatic beam in the material, 1/mm, from which its energy follows.
+    energy_kev : float, optional
+        Energy of the monochromatic beam, keV, without `mu_per_mm`.
+
+    Raises
+    ------
+    InputError
+        If the diameter is not positive, or the material has this attenuation at no energy.
+    """
+
+    def __init__(
+        self, diameter_mm: float, material: str, mu_per_mm: float | None = None, energy_kev: float = DISC_ENERGY_KEV
+    ):
+        energy_kev = energy_kev if mu_per_mm is None else energy_of(material, mu_per_mm)
+        super().__init__([cylinder(material, (0.0, 0.0, 0.0), diameter_mm / 2)], energy_kev)
+        self._radius_mm = diameter_mm / 2
+
+    @property
+    def radius_mm(self) -> float:
+        """Radius, mm."""
+        return self._radius_mm
 
 
 def _quadric(matrix: np.ndarray, centre_mm: Sequence[float], constant: float) -> np.ndarray:

@@ -130,7 +130,7 @@ def extent(
         If the file of the scanned object cannot be read.
     """
     views, rows, columns = shape
-    samples, step = samples_and_step(settings.samples, settings.view_step, settings.of_shapes, shape)
+    samples, step = samples_and_step(settings.samples, settings.view_step, shape)
     fitted_shape = math.ceil(views / step), rows, columns
     rays = rays_of(fitted_shape, samples) * points_of_source(settings.baseline)
     return Extent(math.prod(fitted_shape), rays, _planes(settings, phantom), effects, settings.check_setup)

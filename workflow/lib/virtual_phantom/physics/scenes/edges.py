@@ -1,0 +1,232 @@
+"""Rays of pixels that see an edge of a shape.
+
+Path lengths grow as a square root at the outline of a curved shape, which few rays per pixel integrate badly. Such
+pixels are divided at the kinks of the path length. The rays of each part are dense at both ends, so that the
+integrand is smooth in their numbering. With two rays per direction elsewhere, the chi-square of the error of a body
+with five inserts and 4 x 10^5 photons falls from 210,000 to 0.2 (tests/physics/test_edges.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.geometry import ScanGeometry
+from ...base.pose import Pose, turned_axes, turned_back
+from ...projectors.chords import Shapes
+from ...projectors.kinks import MOST_KINKS, kinks_in_pixels, most_functions, pixels_with_kinks
+from .sampling import MAX_RAYS, pixel_quadrature
+
+# Rays along each part of a pixel. For the body above, 3, 4 and 5 leave a chi-square of 490, 2.4 and 0.2.
+NODES = 5
+
+
+@dataclass(frozen=True)
+class EdgeScan:
+    """Rays of pixels that see an edge, in the form of a scan with one view per line. Scenes accept it as a geometry.
+
+    Attributes
+    ----------
+    source_mm : ndarray, shape (lines, 3)
+        Position of the source relative to a moving object, mm.
+    to_mm : ndarray, shape (lines, NODES, 3)
+        Vectors from the source to the detector, mm.
+    pixels : tuple of 3 ndarray of int, shape (lines,)
+        View, row and column.
+    weights : ndarray, shape (lines, NODES)
+        Weights of the rays; those of a pixel have the sum 1.
+    """
+
+    source_mm: np.ndarray
+    to_mm: np.ndarray
+    pixels: tuple[np.ndarray, np.ndarray, np.ndarray]
+    weights: np.ndarray
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Shape of the projections: lines, one row, rays."""
+        return len(self.weights), 1, NODES
+
+    @property
+    def key(self) -> tuple:
+        """As ScanGeometry.key."""
+        return type(self).__name__, self.source_mm.tobytes(), self.to_mm.tobytes()
+
+    def turned(self, angle_rad: float) -> EdgeScan:
+        """As ScanGeometry.turned."""
+        turn = turned_axes(np.rad2deg(angle_rad))
+        return replace(self, source_mm=self.source_mm @ turn, to_mm=self.to_mm @ turn)
+
+    def bundles(self) -> tuple[np.ndarray, np.ndarray]:
+        """As ScanGeometry.bundles."""
+        return np.moveaxis(self.to_mm, -1, 0), np.zeros(1)
+
+    def replace_in(self, means: np.ndarray, values: np.ndarray) -> None:
+        """Set the pixels of these rays to their weighted means.
+
+        Parameters
+        ----------
+        means : ndarray, shape (..., views, rows, columns)
+            Changed.
+        values : ndarray, shape (..., lines, 1, NODES)
+        """
+        flat = np.ravel_multi_index(self.pixels, means.shape[-3:])
+        starts = np.flatnonzero(np.diff(flat, prepend=-1))
+        sums = np.add.reduceat((values[..., 0, :] * self.weights).sum(axis=-1), starts, axis=-1) if len(flat) else 0.0
+        means.reshape(*means.shape[:-3], -1)[..., flat[starts]] = sums
+
+
+def edge_scans(
+    shapes: Shapes, geometry: ScanGeometry, samples: int, pose: Pose, motion_mm: np.ndarray | None
+) -> Iterator[EdgeScan]:
+    """Yield the rays of all pixels that see an edge of a shape, view by view, as many at once as fit into memory.
+
+    Parameters
+    ----------
+    samples : int
+        Rays along the rows of a pixel whose column has no edge.
+    """
+    if motion_mm is not None:
+        moved = {name: getattr(geometry, name) - motion_mm for name in ("source_mm", "detector_mm")}
+        geometry = replace(geometry.by_vectors(), **moved)
+    at_once = max(1, MAX_RAYS // (2 * NODES * samples * geometry.rows * geometry.columns))
+    for first in range(0, geometry.views, at_once):
+        views = np.arange(first, min(first + at_once, geometry.views))
+        divided = _Divided(shapes, geometry.at(views), samples, pose)
+        scan = divided.scan()
+        yield replace(scan, pixels=(scan.pixels[0] + first, *scan.pixels[1:]))
+
+
+class _Divided:
+    """Pixels of some views that see an edge, and their parts."""
+
+    def __init__(self, shapes: Shapes, geometry: ScanGeometry, samples: int, pose: Pose):
+        self.shapes, self.geometry = shapes, geometry
+        self.seen, shift = turned_back(geometry, pose, None)
+        self.size, self.sources = pose.size, (self.seen.source_mm - shift) / pose.size
+        quadrature = pixel_quadrature(samples, geometry.rows > 1, 1)
+        self.places = np.array([0.5 + row for (_, row), _ in quadrature])
+        self.shares = np.array([weight for _, weight in quadrature])
+
+    def scan(self) -> EdgeScan:
+        """Return the rays, with views numbered from 0."""
+        by_row, by_column = self._rows_with_kinks(), self._columns_with_kinks()
+        pixels = np.stack(np.nonzero(by_row | by_column))
+        divided = by_row[tuple(pixels)]
+        which, place, share = _joined(
+            self._plain(np.flatnonzero(~divided)), self._rows(pixels, np.flatnonzero(divided))
+        )
+        view, row, column = pixels[:, which]
+        found, count = self._kinks(view, column[:, None] + np.array([0.0, 0.5, 1.0]), (row + place)[:, None])
+        line, begin, end = _parts(found, count)
+        view, row, column, place, share = (values[line] for values in (view, row, column, place, share))
+        nodes, weights = _dense_at_ends(begin, end)
+        to = _to(self.geometry, view, column[:, None] + nodes, (row + place)[:, None])
+        return EdgeScan(self.geometry.source_mm[view], to, (view, row, column), share[:, None] * weights)
+
+    def _columns_with_kinks(self) -> np.ndarray:
+        """Return which pixels have a kink along the columns or a neighbor that has one, shape of the projections."""
+        views, rows, columns = self.geometry.shape
+        lines = np.add.outer(np.arange(rows), self.places).ravel()
+        there = self._with_kinks(np.arange(2 * columns + 1) / 2, lines[:, None], True)
+        return _and_neighbors(there.reshape(views, rows, -1, columns).any(axis=2), 2)
+
+    def _rows_with_kinks(self) -> np.ndarray:
+        """Return which pixels have a kink along the rows or a neighbor that has one, shape of the projections."""
+        views, rows, columns = self.geometry.shape
+        if rows == 1:
+            return np.zeros(self.geometry.shape, bool)
+        there = self._with_kinks(np.arange(2 * rows + 1) / 2, 0.5 + np.arange(columns)[:, None], False)
+        return _and_neighbors(np.moveaxis(there, 1, 2), 1)
+
+    def _with_kinks(self, along: np.ndarray, lines: np.ndarray, columns: bool) -> np.ndarray:
+        """Return which pixels have a kink on lines along the columns or the rows, shape (views, lines, pixels)."""
+        seen, every = self.seen, np.arange(self.geometry.views)
+        zero = np.zeros((1, 1))
+        ways = _to(seen, every, *((along[None], zero) if columns else (zero, along[None])))
+        start = _to(seen, every, zero, zero)
+        offsets = _to(seen, every, *((zero, lines.T) if columns else (lines.T, zero))) - start
+        there = np.empty((len(every), len(lines), len(along) // 2), bool)
+        values = np.empty((len(along), most_functions(self.shapes)))
+        work = np.empty(3), np.empty(3), np.empty(MOST_KINKS), values
+        pixels_with_kinks(self.shapes, self.sources, ways / self.size, offsets / self.size, there, *work)
+        return there
+
+    def _plain(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return pixel, place and share of each line of pixels that have no kink along their rows."""
+        count = len(self.places)
+        return np.repeat(which, count), np.tile(self.places, len(which)), np.tile(self.shares, len(which))
+
+    def _rows(self, pixels: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As `_plain`, for pixels that are divided along their rows, by the kinks in the middle of their columns."""
+        view, row, column = pixels[:, which]
+        found, count = self._kinks(view, column[:, None] + 0.5, row[:, None] + np.array([0.0, 0.5, 1.0]))
+        part, begin, end = _parts(found, count)
+        nodes, weights = _dense_at_ends(begin, end)
+        return np.repeat(which[part], NODES), nodes.ravel(), weights.ravel()
+
+    def _kinks(self, view: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return places and number of the kinks on lines, whose start, middle and end are given in pixels."""
+        ways = np.ascontiguousarray(_to(self.seen, view, columns, rows)) / self.size
+        found, count = np.zeros((len(view), MOST_KINKS)), np.zeros(len(view), np.int64)
+        values = np.empty((3, most_functions(self.shapes)))
+        kinks_in_pixels(self.shapes, self.sources[view], ways, found, count, np.empty(3), values)
+        return found, count
+
+
+def _to(geometry: ScanGeometry, view: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return vectors from the source to the detector, mm, shape (views, places, 3).
+
+    Parameters
+    ----------
+    view : ndarray of int, shape (views,)
+    columns, rows : ndarray, broadcastable to (views, places)
+        Places in pixels from the first border of the detector.
+    """
+    across, nearer = geometry.on_surface_mm(
+        (columns - geometry.columns / 2 + geometry.column_offset_px) * geometry.column_pitch_mm
+    )
+    up = (rows - geometry.rows / 2 + geometry.row_offset_px) * geometry.row_pitch_mm
+    toward, along, normal, upward = (
+        each[view][:, None]
+        for each in (geometry.toward_mm, geometry.column_direction, geometry.normal, geometry.row_direction)
+    )
+    return toward + across[..., None] * along - nearer[..., None] * normal + up[..., None] * upward
+
+
+def _and_neighbors(there: np.ndarray, axis: int) -> np.ndarray:
+    """Return where a pixel or its neighbor along an axis is set, because next to a kink the integrand is steep."""
+    there = np.moveaxis(there, axis, -1)
+    found = there.copy()
+    found[..., 1:] |= there[..., :-1]
+    found[..., :-1] |= there[..., 1:]
+    return np.moveaxis(found, -1, axis)
+
+
+def _parts(found: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return line, begin and end of the parts into which kinks divide lines, from 0 to 1."""
+    index, edge = np.arange(MOST_KINKS + 1), np.zeros((len(found), 1))
+    begin, end = np.hstack([edge, found]), np.hstack([found, edge])
+    end = np.where(index == count[:, None], 1.0, end)
+    line, part = np.nonzero(index <= count[:, None])
+    return line, begin[line, part], end[line, part]
+
+
+def _dense_at_ends(begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return places and weights of the rays of parts, shape (parts, NODES); weights of a part have its length as sum.
+
+    They are Gauss-Legendre nodes in the angle whose sine is the place: a square root at an end becomes smooth.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    weights = weights * np.cos(np.pi / 2 * nodes)
+    half = (end - begin)[:, None] / 2
+    return (begin + end)[:, None] / 2 + half * np.sin(np.pi / 2 * nodes), 2 * half * weights / weights.sum()
+
+
+def _joined(*lines: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    """Return lists of lines as one, sorted by pixel."""
+    together = [np.concatenate(values) for values in zip(*lines, strict=True)]
+    order = np.argsort(together[0], kind="stable")
+    return tuple(values[order] for values in together)

@@ -1,0 +1,165 @@
+"""Rays at which the path length in a convex shape has no derivative: along the outline of the shape and its edges.
+
+Along a line of the detector, all of these are zeros of functions of the ray that are quadratic in its direction:
+
+    surface         the discriminant of the ray and the quadric (the ray touches the quadric)
+    rim             the value of the quadric where the ray crosses a plane
+    edge            the difference of the places where the ray crosses two planes
+
+A function is therefore a parabola along the columns or rows of a flat detector, and nearly so across a pixel of an arc.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..base.compiled import compiled
+from .chords import EXACT
+
+MOST_KINKS = 8  # within a pixel along a line; further ones are ignored
+
+
+@compiled(inline="always", **EXACT)
+def _surface(q, point, way):
+    """Return the quadric at a point, its half derivative along a ray through it, and the ray's square in its metric."""
+    x, y, z = point[0], point[1], point[2]
+    u, v, w = way[0], way[1], way[2]
+    qx, qy, qz = q[0] * u + q[3] * v + q[4] * w, q[3] * u + q[1] * v + q[5] * w, q[4] * u + q[5] * v + q[2] * w
+    value = (
+        (q[0] * x + q[3] * y + q[4] * z) * x
+        + (q[3] * x + q[1] * y + q[5] * z) * y
+        + (q[4] * x + q[5] * y + q[2] * z) * z
+        + 2.0 * (q[6] * x + q[7] * y + q[8] * z)
+        + q[9]
+    )
+    return value, qx * x + qy * y + qz * z + q[6] * u + q[7] * v + q[8] * w, qx * u + qy * v + qz * w
+
+
+@compiled(inline="always", **EXACT)
+def _crossing(plane, point, way):
+    """Return the distance of a point behind a plane, and what it loses along a ray: their ratio is the crossing."""
+    left = plane[3] - (plane[0] * point[0] + plane[1] * point[1] + plane[2] * point[2])
+    return left, plane[0] * way[0] + plane[1] * way[1] + plane[2] * way[2]
+
+
+@compiled(inline="always", **EXACT)
+def _functions(shapes, i, source, way, point, values):
+    """Write the functions of a ray for shape i, which are zero at its kinks, and return their number."""
+    square = way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
+    closest = -(source[0] * way[0] + source[1] * way[1] + source[2] * way[2]) / square
+    for axis in range(3):  # the point nearest to the isocenter, because the source may be far away
+        point[axis] = source[axis] + closest * way[axis]
+    first, last, count = shapes.first_plane[i], shapes.first_plane[i + 1], 0
+    if shapes.curved[i]:
+        value, half, metric = _surface(shapes.quadrics[i], point, way)
+        values[0], count = (half * half - metric * value) / square, 1
+        for one in range(first, last):
+            left, along = _crossing(shapes.planes[one], point, way)
+            values[count] = (along * along * value + 2.0 * left * along * half + left * left * metric) / square
+            count += 1
+    for one in range(first, last):
+        left, along = _crossing(shapes.planes[one], point, way)
+        for other in range(one + 1, last):
+            left_of_other, along_other = _crossing(shapes.planes[other], point, way)
+            values[count] = left * along_other - left_of_other * along
+            count += 1
+    return count
+
+
+@compiled(inline="always", **EXACT)
+def _insert(found, count, place):
+    """Insert a place in (0, 1) into a sorted array of `count` places, if there is room; return the new count."""
+    if not 0.0 < place < 1.0 or count == len(found):
+        return count
+    at = count
+    while at > 0 and found[at - 1] > place:
+        found[at] = found[at - 1]
+        at -= 1
+    found[at] = place
+    return count + 1
+
+
+@compiled(inline="always", **EXACT)
+def _insert_roots(first, middle, last, found, count):
+    """Insert the roots in (0, 1) of the parabola through values at 0, 1/2 and 1; return the new count."""
+    square, slope = 2.0 * (first + last - 2.0 * middle), 4.0 * middle - 3.0 * first - last
+    root = slope * slope - 4.0 * square * first
+    if root <= 0.0:
+        return count
+    sum_ = -0.5 * (slope + np.sqrt(root)) if slope > 0.0 else -0.5 * (slope - np.sqrt(root))
+    if square != 0.0:
+        count = _insert(found, count, sum_ / square)
+    if sum_ != 0.0:
+        count = _insert(found, count, first / sum_)
+    return count
+
+
+@compiled(**EXACT)
+def kinks_in_pixels(shapes, sources, ways, found, counts, point, values):
+    """Find the kinks on a line through each of some pixels.
+
+    Parameters
+    ----------
+    shapes : chords.Shapes
+    sources : ndarray, shape (lines, 3)
+        Start of the rays, mm.
+    ways : ndarray, shape (lines, 3, 3)
+        Vectors (x, y, z) from the source to the start, middle and end of the line, mm.
+    found : ndarray, shape (lines, MOST_KINKS)
+        Output: places of the kinks along the line, from 0 to 1, ascending.
+    counts : ndarray of int, shape (lines,)
+        Output: number of kinks.
+    point, values : ndarray, shape (3,) and (3, functions)
+        Work arrays.
+    """
+    for line in range(len(sources)):
+        count = 0
+        for i in range(len(shapes.material)):
+            functions = 0
+            for place in range(3):
+                functions = _functions(shapes, i, sources[line], ways[line, place], point, values[place])
+            for one in range(functions):
+                count = _insert_roots(values[0, one], values[1, one], values[2, one], found[line], count)
+        counts[line] = count
+
+
+@compiled(**EXACT)
+def pixels_with_kinks(shapes, sources, ways, offsets, there, way, point, found, values):
+    """Find the pixels that have a kink on one of some parallel lines through the detector.
+
+    Parameters
+    ----------
+    shapes : chords.Shapes
+    sources : ndarray, shape (views, 3)
+        Start of the rays, mm.
+    ways : ndarray, shape (views, 2 pixels + 1, 3)
+        Vectors from the source to the borders and centers of the pixels of a line, in turn, mm.
+    offsets : ndarray, shape (views, lines, 3)
+        Vectors by which the lines are displaced, mm.
+    there : ndarray of bool, shape (views, lines, pixels)
+        Output.
+    way, point, found, values : ndarray, shape (3,), (3,), (MOST_KINKS,) and (2 pixels + 1, functions)
+        Work arrays.
+    """
+    pixels = ways.shape[1] // 2
+    for view in range(len(sources)):
+        for line in range(offsets.shape[1]):
+            there[view, line] = False
+            for i in range(len(shapes.material)):
+                functions = 0
+                for place in range(2 * pixels + 1):
+                    for axis in range(3):
+                        way[axis] = ways[view, place, axis] + offsets[view, line, axis]
+                    functions = _functions(shapes, i, sources[view], way, point, values[place])
+                for pixel in range(pixels):
+                    for one in range(functions):
+                        first, middle, last = 2 * pixel, 2 * pixel + 1, 2 * pixel + 2
+                        if _insert_roots(values[first, one], values[middle, one], values[last, one], found, 0):
+                            there[view, line, pixel] = True
+                            break
+
+
+def most_functions(shapes) -> int:
+    """Return the largest number of functions of a shape."""
+    planes = np.diff(shapes.first_plane)
+    return int((shapes.curved * (1 + planes) + planes * (planes - 1) // 2).max())
