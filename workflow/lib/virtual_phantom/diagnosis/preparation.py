@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 
 from ..base.errors import InputError
@@ -66,7 +67,6 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     scene, shape = scene_of_scan(request, recording), recording.geometry.shape
     stated = settings.samples or rays_of_simulation(scene, shape)
     samples, step = samples_and_step(stated, settings.view_step, shape)
-    model, floor = model_and_floor(scene, recording.geometry, samples, **detector)
     coarse = None
     if settings.of_phantom:
         voxels = coarse_scene(request.phantom, request.mu_water_per_mm, request.materials, request.threads)
@@ -74,17 +74,15 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     further = scans(recording.held_out) if len(recording.held_out) else None
     check_scans(taken.every(step), str(recording.document.path))
     uncertain = StatedObject.of(request, scene)
-    ready = partial(
+    settled = partial(
         prepare,
         taken,
         further,
-        model,
         anode=nominal.anode,
         tube_kvp=nominal.tube_kvp,
         nominal_photons=settings.nominal_photons or recording.nominal.get("photons"),
         location=settings.location,
         declared=declared(settings.baseline, BASELINE_CONFIG_KEY),
-        floor_chain=floor,
         coarse_chain=coarse,
         step=step,
         time_remark="; ".join(filter(None, (scale_note(recording.scan), view_time_note(recording.scan)))),
@@ -92,6 +90,12 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         uncertain=uncertain,
     )
     known = request.alignment(recording.nominal)
+
+    def ready(known: Mapping[str, float], about: Mapping[str, float] | None) -> PreparedScans:
+        fitted = scene if uncertain is None else uncertain.with_surfaces(about)
+        model, floor = model_and_floor(fitted, recording.geometry, samples, **detector)
+        return settled(model, floor_chain=floor, known=known, about=about)
+
     about = None
     for _ in range(OBJECT_LINEARIZATIONS if uncertain is not None and uncertain.has_surfaces else 0):
         # A free size would take the place of surfaces while these are linear.

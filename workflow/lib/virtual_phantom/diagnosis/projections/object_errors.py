@@ -126,7 +126,8 @@ class ObjectErrors:
     changes : ndarray of float32, shape (numbers, views, rows, columns)
         Change of line integrals per unit.
     constant : ndarray or float
-        Change of line integrals that is added, so that the sum is exact where it was linearized.
+        Change of line integrals that is added, so that the sum with those of StatedObject.with_surfaces is exact where
+        it was linearized.
     left : ndarray or float
         Standard deviation of the error of line integrals that remains, because voxels do not show where a surface is.
     edges : Edges or None
@@ -280,6 +281,17 @@ class StatedObject:
         """Change of the attenuation per unit of each error of a density or HU, 1/mm, and its surfaces."""
         return self._of_labels() if self.phantom is None else self._of_phantom()
 
+    def with_surfaces(self, about: Mapping[str, float] | None) -> Scene:
+        """Return the scene to which the changes of `errors` are added: shapes have the surfaces of `about`.
+
+        A change of line integrals at an edge depends on all effects that move or blur it, which the scene of the chain
+        takes into account. Voxels stay as stated.
+        """
+        if not about or not isinstance(self.scene, ShapesScene) or not self.has_surfaces:
+            return self.scene
+        name_of = {index: name for name, indices in parts_of_shapes(self.scene.shapes).items() for index in indices}
+        return self.scene.grown([about.get(SURFACE + name_of[index], 0.0) for index in range(len(name_of))])
+
     def amounts(
         self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float] | None = None
     ) -> tuple[tuple[Nuisance, ...], np.ndarray, np.ndarray | float, np.ndarray | float]:
@@ -327,7 +339,8 @@ class StatedObject:
         through = mu[:, None, None, None] * _lengths(scene, geometry, samples, pose)
         changes = np.concatenate([through, growth]).astype(np.float32)
         values = [about.get(number.name, 0.0) for number in (*densities, *surfaces)]
-        constant = here - lines({}, mu) - np.tensordot(values, changes, 1) if any(values) else 0.0
+        # Line integrals of `with_surfaces` include the grown surfaces.
+        constant = here - lines(grown, mu) - np.tensordot(values, changes, 1) if any(values) else 0.0
         return (*densities, *surfaces), changes, constant, 0.0
 
     def _of_grid(

@@ -127,22 +127,25 @@ class _Divided:
         return EdgeScan(self.geometry.source_mm[view], to, (view, row, column), share[:, None] * weights)
 
     def _columns_with_kinks(self) -> np.ndarray:
-        """Return which pixels have a kink along the columns or a neighbor that has one, shape of the projections."""
+        """Return which pixels have a kink along the columns, or a neighbor that has one; shape of the projections."""
         views, rows, columns = self.geometry.shape
         lines = np.add.outer(np.arange(rows), self.places).ravel()
-        there = self._with_kinks(np.arange(2 * columns + 1) / 2, lines[:, None], True)
-        return _and_neighbors(there.reshape(views, rows, -1, columns).any(axis=2), 2)
+        there = self._with_kinks(columns, lines[:, None], True)
+        return there.reshape(views, rows, -1, columns).any(axis=2)
 
     def _rows_with_kinks(self) -> np.ndarray:
-        """Return which pixels have a kink along the rows or a neighbor that has one, shape of the projections."""
+        """Return which pixels have a kink along the rows, or a neighbor that has one; shape of the projections."""
         views, rows, columns = self.geometry.shape
         if rows == 1:
             return np.zeros(self.geometry.shape, bool)
-        there = self._with_kinks(np.arange(2 * rows + 1) / 2, 0.5 + np.arange(columns)[:, None], False)
-        return _and_neighbors(np.moveaxis(there, 1, 2), 1)
+        return np.moveaxis(self._with_kinks(rows, 0.5 + np.arange(columns)[:, None], False), 1, 2)
 
-    def _with_kinks(self, along: np.ndarray, lines: np.ndarray, columns: bool) -> np.ndarray:
-        """Return which pixels have a kink on lines along the columns or the rows, shape (views, lines, pixels)."""
+    def _with_kinks(self, pixels: int, lines: np.ndarray, columns: bool) -> np.ndarray:
+        """Return which pixels or neighbors have a kink on lines along the columns or the rows, (views, lines, pixels).
+
+        Next to a kink, the integrand is steep. Neighbors may be beyond the border of the detector.
+        """
+        along = np.arange(-2, 2 * pixels + 3) / 2
         seen, every = self.seen, np.arange(self.geometry.views)
         zero = np.zeros((1, 1))
         ways = _to(seen, every, *((along[None], zero) if columns else (zero, along[None])))
@@ -152,7 +155,7 @@ class _Divided:
         values = np.empty((len(along), most_functions(self.shapes)))
         work = np.empty(3), np.empty(3), np.empty(MOST_KINKS), values
         pixels_with_kinks(self.shapes, self.sources, ways / self.size, offsets / self.size, there, *work)
-        return there
+        return there[..., :-2] | there[..., 1:-1] | there[..., 2:]
 
     def _plain(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return pixel, place and share of each line of pixels that have no kink along their rows."""
@@ -194,15 +197,6 @@ def _to(geometry: ScanGeometry, view: np.ndarray, columns: np.ndarray, rows: np.
         for each in (geometry.toward_mm, geometry.column_direction, geometry.normal, geometry.row_direction)
     )
     return toward + across[..., None] * along - nearer[..., None] * normal + up[..., None] * upward
-
-
-def _and_neighbors(there: np.ndarray, axis: int) -> np.ndarray:
-    """Return where a pixel or its neighbor along an axis is set, because next to a kink the integrand is steep."""
-    there = np.moveaxis(there, axis, -1)
-    found = there.copy()
-    found[..., 1:] |= there[..., :-1]
-    found[..., :-1] |= there[..., 1:]
-    return np.moveaxis(found, -1, axis)
 
 
 def _parts(found: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
