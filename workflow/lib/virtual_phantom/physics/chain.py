@@ -21,7 +21,7 @@ from ..base.lru_cache import LRUCache
 from ..base.mounting import AS_STATED
 from .beam.materials import attenuation_per_mm
 from .beam.sensors import Sensor
-from .beam.spectra import SENSOR, Spectrum, filter_transmission
+from .beam.spectra import SENSOR, TUNGSTEN, Anode, Spectrum, filter_transmission
 from .beam.transmission import polychromatic_signal
 from .effect import (
     OF_AIR,
@@ -125,6 +125,11 @@ class Chain:
             for source, _ in sources(state)
             for rays, _ in supersampled(source, self.samples)
         ]
+
+    def geometry_with(self, physics: Mapping[str, Mapping[str, float]], anode: Anode = TUNGSTEN) -> ScanGeometry:
+        """Return the geometry of the rays from the middle of the focal spot, with the given settings of effects."""
+        state, _ = self._until_object(physics, anode=anode)
+        return state.mounting.of(state.geometry)
 
     @property
     def air_reading(self) -> float:

@@ -310,7 +310,7 @@ def prepare(
     linearized = LinearizationPoint.of({}, about or location or {})
     errors, found = ObjectErrors(), pose_of(linearized.nuisance)
     if uncertain is not None:
-        errors = uncertain.errors(chain.geometry, chain.samples, found, about)
+        errors = uncertain.errors(chain.geometry_with(stated, anode), chain.samples, found, about)
     left = numerical.left(linearized)
     if np.any(errors.left):
         left = (*left, errors.left)
