@@ -64,10 +64,14 @@ class Workspace(NamedTuple):
         source from the plane.
     quadrics : ndarray, shape (shapes, 9)
         Coefficients of a t^2 + 2 h t + c <= 0 on a ray: a, then h, then c, each for powers 0 to 2 of the rise.
-    begin, end : ndarray, shape (shapes,)
-        Disjoint parts of the ray that lie in later shapes.
-    shares : ndarray, shape (materials,)
-        Fraction of the ray in each material.
+    first, last : ndarray, shape (rows,)
+        Part of each ray that lies in a shape.
+    parts : ndarray, shape (rows,)
+        Number of parts of each ray that lie in later shapes.
+    begin, end : ndarray, shape (rows, shapes)
+        These parts, which are disjoint.
+    shares : ndarray, shape (rows, materials)
+        Fraction of each ray in each material.
     """
 
     passed: np.ndarray
@@ -75,18 +79,24 @@ class Workspace(NamedTuple):
     far: np.ndarray
     planes: np.ndarray
     quadrics: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    parts: np.ndarray
     begin: np.ndarray
     end: np.ndarray
     shares: np.ndarray
 
     @classmethod
-    def of(cls, shapes: Shapes) -> Workspace:
-        """Allocate work arrays for these shapes."""
+    def of(cls, shapes: Shapes, rows: int) -> Workspace:
+        """Allocate work arrays for these shapes and bundles of this many rays."""
         count = len(shapes.material)
-        near, far, begin, end = np.empty((4, count))
+        near, far = np.empty((2, count))
         planes, quadrics = np.empty((len(shapes.planes), 3)), np.empty((count, 9))
-        shares = np.empty(1 + shapes.material.max(initial=-1))
-        return cls(np.empty(count, np.int64), near, far, planes, quadrics, begin, end, shares)
+        first, last = np.empty((2, rows))
+        begin, end = np.empty((2, rows, count))
+        shares = np.empty((rows, 1 + shapes.material.max(initial=-1)))
+        passed, parts = np.empty(count, np.int64), np.empty(rows, np.int64)
+        return cls(passed, near, far, planes, quadrics, first, last, parts, begin, end, shares)
 
 
 @compiled(inline="always", **EXACT)
@@ -113,10 +123,10 @@ def _passed(shapes, source, to_x, to_y, workspace):
 
 
 @compiled(inline="always", **EXACT)
-def _at_height(around, z, rise, near, far):
-    """Return whether a ray between two fractions of its length reaches the heights of a shape."""
-    one, another = z + near * rise, z + far * rise
-    return max(one, another) >= around[3] and min(one, another) <= around[4]
+def _at_heights(around, z, low, high, near, far):
+    """Return whether rays between two rises reach the heights of a shape between two fractions of their length."""
+    low, high = min(low, high), max(low, high)
+    return z + max(near * high, far * high) >= around[3] and z + min(near * low, far * low) <= around[4]
 
 
 @compiled(inline="always", **EXACT)
@@ -145,64 +155,98 @@ def _prepare(shapes, i, source, way, closest, workspace):
     found[7], found[8] = 2.0 * closest * gz, closest * closest * q[2]
 
 
-@compiled(inline="always", **EXACT)
-def _behind_planes(shapes, i, rise, workspace):
-    """Return the part [first, last] of a ray, as fractions of its length, that lies behind the planes of a shape."""
-    first, last = 0.0, 1.0
-    for p in range(shapes.first_plane[i], shapes.first_plane[i + 1]):
-        plane = workspace.planes[p]
-        along, left = plane[0] + rise * plane[1], plane[2]
-        if abs(along) < PARALLEL:
-            if left < 0:
-                last = -1.0
-        elif along > 0:
-            last = min(last, left / along)
+# The compiler vectorizes the loops of the next two functions, which therefore have no branches.
+@compiled(**EXACT)
+def _behind_planes(planes, rises, first, last):
+    """Write the parts [first, last] of the rays of a bundle behind planes, which are rows of Workspace.planes."""
+    for row in range(rises.size):
+        first[row], last[row] = 0.0, 1.0
+    for p in range(len(planes)):
+        start, per_rise, left = planes[p, 0], planes[p, 1], planes[p, 2]
+        for row in range(rises.size):
+            along = start + rises[row] * per_rise
+            at, low, high = left / along, first[row], last[row]
+            first[row] = at if (along <= -PARALLEL) & (at > low) else low
+            high = at if (along >= PARALLEL) & (at < high) else high
+            last[row] = -1.0 if (abs(along) < PARALLEL) & (left < 0) else high
+
+
+@compiled(**EXACT)
+def _cut_by_convex(q, rises, closest, first, last):
+    """Reduce [first, last] to the parts within a quadric `q`, a row of Workspace.quadrics, where `_is_convex` holds."""
+    for row in range(rises.size):
+        rise = rises[row]
+        a = q[0] + rise * (q[1] + rise * q[2])
+        half = q[3] + rise * (q[4] + rise * q[5])
+        c = q[6] + rise * (q[7] + rise * q[8])
+        root = half * half - a * c
+        low, high = first[row], last[row]
+        # Avoid cancellation: one root from the sum of equal signs, the other from their product.
+        size = np.sqrt(max(root, 0.0))
+        sum_ = -half - size if half > 0 else -half + size
+        one, another = sum_ / a + closest, c / sum_ + closest
+        near, far = (one, another) if one < another else (another, one)
+        first[row] = near if near > low else low
+        high = far if far < high else high
+        last[row] = high if root > 0 else -1.0
+
+
+@compiled(**EXACT)
+def _cut_by_any(q, rises, across, up, closest, first, last):
+    """As `_cut_by_convex` for any quadric. A ray may cross both halves of a cone; planes exclude one."""
+    for row in range(rises.size):
+        rise, low, high = rises[row], first[row] - closest, last[row] - closest
+        square = across + (up + rise) ** 2
+        a = q[0] + rise * (q[1] + rise * q[2])
+        half = q[3] + rise * (q[4] + rise * q[5])
+        c = q[6] + rise * (q[7] + rise * q[8])
+        root = half * half - a * c
+        if abs(a) < PARALLEL * square:
+            if abs(half) >= PARALLEL * square:
+                edge = -0.5 * c / half
+                low, high = (low, min(high, edge)) if half > 0 else (max(low, edge), high)
+            elif c > 0:
+                high = low - 1.0
+        elif root <= 0:
+            high = high if a < 0 else low - 1.0
         else:
-            first = max(first, left / along)
-    return first, last
+            # Avoid cancellation: one root from the sum of equal signs, the other from their product.
+            sum_ = -half - np.sqrt(root) if half > 0 else -half + np.sqrt(root)
+            one, another = sum_ / a, c / sum_ if sum_ != 0 else 0.0
+            near, far = min(one, another), max(one, another)
+            if a > 0:
+                low, high = max(low, near), min(high, far)
+            else:
+                before, after = min(high, near) - low, high - max(low, far)
+                low, high = (low, min(high, near)) if before > after else (max(low, far), high)
+        first[row], last[row] = low + closest, high + closest
 
 
 @compiled(inline="always", **EXACT)
-def _within_quadric(q, rise, square, first, last):
-    """Return the part of [first, last] within a quadric. A ray may cross both halves of a cone; planes exclude one.
-
-    `q` is a row of Workspace.quadrics, `square` the squared length of the ray.
-    """
-    a = q[0] + rise * (q[1] + rise * q[2])
-    half = q[3] + rise * (q[4] + rise * q[5])
-    c = q[6] + rise * (q[7] + rise * q[8])
-    if abs(a) < PARALLEL * square:
-        if abs(half) < PARALLEL * square:
-            return (first, last) if c <= 0 else (0.0, -1.0)
-        edge = -0.5 * c / half
-        return (first, min(last, edge)) if half > 0 else (max(first, edge), last)
-    root = half * half - a * c
-    if root <= 0:
-        return (first, last) if a < 0 else (0.0, -1.0)
-    # Avoid cancellation: one root from the sum of equal signs, the other from their product.
-    sum_ = -half - np.sqrt(root) if half > 0 else -half + np.sqrt(root)
-    one, another = sum_ / a, c / sum_ if sum_ != 0 else 0.0
-    low, high = min(one, another), max(one, another)
-    if a > 0:
-        return max(first, low), min(last, high)
-    before, after = min(last, low) - first, last - max(first, high)
-    return (first, min(last, low)) if before > after else (max(first, high), last)
+def _is_convex(q, rises, across, up):
+    """Return whether the leading coefficient of a row of Workspace.quadrics is positive for all rays of a bundle."""
+    for row in range(rises.size):
+        rise = rises[row]
+        if q[0] + rise * (q[1] + rise * q[2]) < PARALLEL * (across + (up + rise) ** 2):
+            return False
+    return True
 
 
 @compiled(inline="always", **EXACT)
-def _cover(workspace, count, first, last):
-    """Add a part of the ray to `count` covered ones; return the new number of parts, and the length not yet covered."""
+def _cover(workspace, row, first, last):
+    """Add a part of a ray to those in later shapes, and return the length that is in none of them."""
+    begin, end = workspace.begin[row], workspace.end[row]
     low, high, uncovered, left = first, last, last - first, 0
-    for j in range(count):
-        begin, end = workspace.begin[j], workspace.end[j]
-        if begin < last and first < end:  # they overlap: one part takes their place
-            uncovered -= min(end, last) - max(begin, first)
-            low, high = min(low, begin), max(high, end)
+    for j in range(workspace.parts[row]):
+        if begin[j] < last and first < end[j]:  # they overlap: one part takes their place
+            uncovered -= min(end[j], last) - max(begin[j], first)
+            low, high = min(low, begin[j]), max(high, end[j])
         else:
-            workspace.begin[left], workspace.end[left] = begin, end
+            begin[left], end[left] = begin[j], end[j]
             left += 1
-    workspace.begin[left], workspace.end[left] = low, high
-    return left + 1, max(uncovered, 0.0)
+    begin[left], end[left] = low, high
+    workspace.parts[row] = left + 1
+    return max(uncovered, 0.0)
 
 
 @compiled(**EXACT)
@@ -216,13 +260,14 @@ def chords(shapes, sources, ways, rises, size, lengths, workspace):
     ways : ndarray, shape (views, bundles, 3)
         Vector from the source to the detector for a rise of 0, mm.
     rises : ndarray, shape (rows,)
-        Added to the z component in each row, mm.
+        Ascending or descending; added to the z component in each row, mm.
     size : float
         Factor for all lengths.
     lengths : ndarray of float32, shape (materials, views, rows, bundles)
         Output; must be zeros.
     """
-    views, bundles, shares = ways.shape[0], ways.shape[1], workspace.shares
+    views, bundles, rows = ways.shape[0], ways.shape[1], len(rises)
+    first, last, shares = workspace.first, workspace.last, workspace.shares
     for view in range(views):
         source = sources[view]
         for bundle in range(bundles):
@@ -232,28 +277,32 @@ def chords(shapes, sources, ways, rises, size, lengths, workspace):
                 continue
             across = way[0] * way[0] + way[1] * way[1]
             closest = -(source[0] * way[0] + source[1] * way[1] + source[2] * way[2]) / (across + way[2] * way[2])
-            for place in range(count):
-                _prepare(shapes, workspace.passed[place], source, way, closest, workspace)
-            for row in range(len(rises)):
-                rise, parts = rises[row], 0
-                up = way[2] + rise
-                square = across + up * up
-                shares[:] = 0.0
-                for place in range(count - 1, -1, -1):
-                    i = workspace.passed[place]
-                    if not _at_height(shapes.around[i], source[2], up, workspace.near[place], workspace.far[place]):
-                        continue
-                    first, last = _behind_planes(shapes, i, rise, workspace)
-                    if first < last and shapes.curved[i]:
-                        low, high = first - closest, last - closest
-                        low, high = _within_quadric(workspace.quadrics[i], rise, square, low, high)
-                        first, last = low + closest, high + closest
-                    if first < last:
-                        parts, uncovered = _cover(workspace, parts, first, last)
-                        if shapes.material[i] >= 0:
-                            shares[shapes.material[i]] += uncovered
-                if parts == 0:
+            for row in range(rows):
+                workspace.parts[row] = 0
+                for material in range(shares.shape[1]):
+                    shares[row, material] = 0.0
+            for place in range(count - 1, -1, -1):
+                i, near, far = workspace.passed[place], workspace.near[place], workspace.far[place]
+                if not _at_heights(shapes.around[i], source[2], way[2] + rises[0], way[2] + rises[-1], near, far):
                     continue
-                whole = size * np.sqrt(square)
-                for material in range(shares.size):
-                    lengths[material, view, row, bundle] = shares[material] * whole
+                _prepare(shapes, i, source, way, closest, workspace)
+                planes = workspace.planes[shapes.first_plane[i] : shapes.first_plane[i + 1]]
+                _behind_planes(planes, rises, first, last)
+                if shapes.curved[i]:
+                    q = workspace.quadrics[i]
+                    if _is_convex(q, rises, across, way[2]):
+                        _cut_by_convex(q, rises, closest, first, last)
+                    else:
+                        _cut_by_any(q, rises, across, way[2], closest, first, last)
+                material = shapes.material[i]
+                for row in range(rows):
+                    if first[row] < last[row]:
+                        uncovered = _cover(workspace, row, first[row], last[row])
+                        if material >= 0:
+                            shares[row, material] += uncovered
+            for row in range(rows):
+                if workspace.parts[row] > 0:
+                    up = way[2] + rises[row]
+                    whole = size * np.sqrt(across + up * up)
+                    for material in range(shares.shape[1]):
+                        lengths[material, view, row, bundle] = shares[row, material] * whole
