@@ -285,7 +285,8 @@ class Chain:
     def _ray_signal(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int]) -> np.ndarray:
         """Return the signal of every ray by the Beer-Lambert law; `rays` are the (rows, columns) of rays per pixel."""
         if beam is None:
-            return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))[None]
+            logarithm = np.tensordot(-self.scene.attenuation_per_mm, paths.astype(np.float64), 1)
+            return np.exp(logarithm, out=logarithm)[None]
         table = np.stack([attenuation_per_mm(material, beam.energies_kev) for material in self.scene.materials])
         shares = np.stack([beam.signal, beam.noise])
         if shares.ndim > 2:  # shares of pixels become shares of rays, except along axes on which a filter is constant

@@ -288,12 +288,16 @@ class DiscScene(Scene):
         x, y, _ = (geometry.source_mm - center).T[..., None]
         (to_x, to_y, to_z), rows = geometry.bundles()
         # In the plane: distance d of the ray from the axis, and chord 2 sqrt(r^2 - d^2).
-        length = np.sqrt(to_x * to_x + to_y * to_y)
-        distance = (x * to_y - y * to_x) / length
-        chord = 2 * np.sqrt(np.maximum((self.radius_mm * pose.size) ** 2 - distance**2, 0))[:, None]
-        # A ray out of the plane is longer than its projection onto the plane by this factor.
-        inclination = np.sqrt(1 + ((to_z[:, None] + rows[:, None]) / length[:, None]) ** 2)
-        return (chord * inclination).astype(np.float32).reshape(1, *geometry.shape)
+        square = to_x * to_x + to_y * to_y
+        distance_square = (x * to_y - y * to_x) ** 2 / square
+        share = 2 * np.sqrt(np.maximum((self.radius_mm * pose.size) ** 2 - distance_square, 0) / square)
+        # Times the length of the ray, which may be inclined; in place, because there are many rays.
+        lengths = to_z[:, None] + rows[:, None]
+        lengths *= lengths
+        lengths += square[:, None]
+        np.sqrt(lengths, out=lengths)
+        lengths *= share[:, None]
+        return lengths.astype(np.float32).reshape(1, *geometry.shape)
 
 
 def scan_key(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> Hashable:
