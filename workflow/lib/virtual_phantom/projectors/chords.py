@@ -60,7 +60,7 @@ class Workspace(NamedTuple):
     passed, near, far : ndarray, shape (shapes,)
         Shapes that the bundle's projection crosses, and where it enters and leaves them.
     planes : ndarray, shape (planes, 3)
-        Of the planes of all shapes: normal . way of the ray without rise, the same per rise, and the distance of the
+        Of the planes of a shape: normal . way of the ray without rise, the same per rise, and the distance of the
         source from the plane.
     quadrics : ndarray, shape (shapes, 9)
         Coefficients of a t^2 + 2 h t + c <= 0 on a ray: a, then h, then c, each for powers 0 to 2 of the rise.
@@ -130,18 +130,22 @@ def _at_heights(around, z, low, high, near, far):
 
 
 @compiled(inline="always", **EXACT)
-def _prepare(shapes, i, source, way, closest, workspace):
-    """Store a shape's planes and quadric in terms of the rise of the rays of a bundle.
+def _prepare(shapes, i, source, way, lowest, highest, near, far, closest, workspace):
+    """Store a shape's planes and quadric in terms of the rise of the rays of a bundle, and return the number of planes.
 
-    Quadratic equations start at the fraction `closest` of a ray, near the isocenter: the source may be far away.
+    Planes are left out if no ray crosses them between the fractions `near` and `far`, which bound the shape. Quadratic
+    equations start at the fraction `closest` of a ray, near the isocenter: the source may be far away.
     """
-    u, v, w = way[0], way[1], way[2]
+    u, v, w, count = way[0], way[1], way[2], 0
     for p in range(shapes.first_plane[i], shapes.first_plane[i + 1]):
-        plane, found = shapes.planes[p], workspace.planes[p]
-        found[0], found[1] = plane[0] * u + plane[1] * v + plane[2] * w, plane[2]
-        found[2] = plane[3] - (plane[0] * source[0] + plane[1] * source[1] + plane[2] * source[2])
+        plane, cut = shapes.planes[p], workspace.planes[count]
+        cut[0], cut[1] = plane[0] * u + plane[1] * v + plane[2] * w, plane[2]
+        cut[2] = plane[3] - (plane[0] * source[0] + plane[1] * source[1] + plane[2] * source[2])
+        low, high = cut[0] + lowest * cut[1], cut[0] + highest * cut[1]
+        if max(near * low, near * high, far * low, far * high) > cut[2]:
+            count += 1
     if not shapes.curved[i]:
-        return
+        return count
     q, found = shapes.quadrics[i], workspace.quadrics[i]
     x, y, z = source[0] + closest * u, source[1] + closest * v, source[2] + closest * w
     # Q . way, and the gradient Q . x + b at the start; a rise r displaces the start by closest r along z.
@@ -153,14 +157,15 @@ def _prepare(shapes, i, source, way, closest, workspace):
     found[3], found[4], found[5] = gx * u + gy * v + gz * w, gz + closest * qz, closest * q[2]
     found[6] = (gx + q[6]) * x + (gy + q[7]) * y + (gz + q[8]) * z + q[9]
     found[7], found[8] = 2.0 * closest * gz, closest * closest * q[2]
+    return count
 
 
 # The compiler vectorizes the loops of the next two functions, which therefore have no branches.
 @compiled(**EXACT)
-def _behind_planes(planes, rises, first, last):
-    """Write the parts [first, last] of the rays of a bundle behind planes, which are rows of Workspace.planes."""
+def _behind_planes(planes, rises, near, far, first, last):
+    """Write the parts of [near, far] of the rays of a bundle behind planes, which are rows of Workspace.planes."""
     for row in range(rises.size):
-        first[row], last[row] = 0.0, 1.0
+        first[row], last[row] = near, far
     for p in range(len(planes)):
         start, per_rise, left = planes[p, 0], planes[p, 1], planes[p, 2]
         for row in range(rises.size):
@@ -285,9 +290,8 @@ def chords(shapes, sources, ways, rises, size, lengths, workspace):
                 i, near, far = workspace.passed[place], workspace.near[place], workspace.far[place]
                 if not _at_heights(shapes.around[i], source[2], way[2] + rises[0], way[2] + rises[-1], near, far):
                     continue
-                _prepare(shapes, i, source, way, closest, workspace)
-                planes = workspace.planes[shapes.first_plane[i] : shapes.first_plane[i + 1]]
-                _behind_planes(planes, rises, first, last)
+                planes = _prepare(shapes, i, source, way, rises[0], rises[-1], near, far, closest, workspace)
+                _behind_planes(workspace.planes[:planes], rises, near, far, first, last)
                 if shapes.curved[i]:
                     q = workspace.quadrics[i]
                     if _is_convex(q, rises, across, way[2]):
@@ -305,4 +309,5 @@ def chords(shapes, sources, ways, rises, size, lengths, workspace):
                     up = way[2] + rises[row]
                     whole = size * np.sqrt(across + up * up)
                     for material in range(shares.shape[1]):
-                        lengths[material, view, row, bundle] = shares[row, material] * whole
+                        if shares[row, material] > 0.0:
+                            lengths[material, view, row, bundle] = shares[row, material] * whole
