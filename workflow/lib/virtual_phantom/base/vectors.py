@@ -309,6 +309,10 @@ class ScanGeometry:
 
     def by_vectors(self) -> VectorGeometry:
         """Return the same scan as a VectorGeometry."""
+        return self if isinstance(self, VectorGeometry) else self._by_vectors
+
+    @cached_property
+    def _by_vectors(self) -> VectorGeometry:
         shared = {attribute.name: getattr(self, attribute.name) for attribute in fields(ScanGeometry)}
         return VectorGeometry(
             source_mm=self.source_mm,

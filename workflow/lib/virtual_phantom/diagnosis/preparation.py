@@ -7,6 +7,7 @@ from functools import partial
 
 from ..base.errors import InputError
 from ..physics.chain import EVEN, Chain
+from ..physics.scenes.sampling import FEW_POINTS
 from ..physics.state import AIR
 from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
@@ -63,6 +64,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         "sensor": nominal.sensor,
         "illumination": recording.scan.get("illumination", EVEN),
         "readout": AIR if taken.white is None else float(taken.white.mean()),
+        "fewest_points": FEW_POINTS,
     }
     scene, shape = scene_of_scan(request, recording), recording.geometry.shape
     stated = settings.samples or rays_of_simulation(scene, shape)

@@ -38,13 +38,13 @@ from .effect import (
 from .scenes.edges import EdgeScan
 from .scenes.inclusion import inclusion_transmission
 from .scenes.posed import LinearizedScene, PosedScan, PosedScene
-from .scenes.sampling import average_rays, later_geometry, sources, supersampled
+from .scenes.sampling import MIN_POINTS, average_rays, later_geometry, sources, supersampled
 from .scenes.scene import IN_PLACE, Pose, VoxelScene, scan_key
 from .scenes.shapes import ShapesScene
 from .state import AIR, EARLIER_VIEWS, PHOTONS, Inclusions, State
 
 # Cached results. A fit varies one parameter at a time, and most parameters leave the results of earlier stages as they
-# are. Each of the nine points of a focal spot has its own path lengths.
+# are. Each of the four or more points of a focal spot has its own path lengths.
 MAX_PATHS, MAX_TRANSMISSIONS = 20, 24
 # For each of the two caches. Small scans cache more results: an extended source at several times needs 50 and more.
 CACHE_BYTES, SMALL_BYTES, MIN_CACHED = 2e8, 2e7, 3
@@ -68,6 +68,8 @@ class Chain:
         angle of the pixel.
     readout : float or {"photons", "air"}, optional
         As State.readout.
+    fewest_points : int, optional
+        As State.fewest_points.
     """
 
     def __init__(
@@ -79,9 +81,11 @@ class Chain:
         illumination: str = EVEN,
         sensor: Sensor = SENSOR,
         readout: float | str = PHOTONS,
+        fewest_points: int = MIN_POINTS,
     ):
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
         self.illumination, self.sensor, self.readout = illumination, sensor, readout
+        self.fewest_points = fewest_points
         parts, pixels = len(supersampled(geometry, samples)), math.prod(geometry.shape)
         rays = pixels * samples ** (2 if geometry.rows > 1 else 1)
         edges = samples > 1 and isinstance(scene, ShapesScene)
@@ -94,7 +98,8 @@ class Chain:
         return self._copy(self.scene, geometry or self.geometry, samples or self.samples)
 
     def _copy(self, scene: VoxelScene, geometry: ScanGeometry, samples: int) -> Chain:
-        return Chain(scene, geometry, self.photons, samples, self.illumination, self.sensor, self.readout)
+        detector = self.illumination, self.sensor, self.readout
+        return Chain(scene, geometry, self.photons, samples, *detector, self.fewest_points)
 
     def linearized_at(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, reach: float = 1.0, **extra
@@ -214,7 +219,8 @@ class Chain:
 
     def _until_object(self, physics, photons: float | None = None, **extra) -> tuple[State, list]:
         """Return the state of the beam before the object, and the effects that act later."""
-        state = State(self.geometry, photons or self.photons, sensor=self.sensor, readout=self.readout, **extra)
+        stated = {"sensor": self.sensor, "readout": self.readout, "fewest_points": self.fewest_points}
+        state = State(self.geometry, photons or self.photons, **stated, **extra)
         if self.illumination == SOLID_ANGLE:
             state.fluence = self.geometry.solid_angles()
         effects = sorted((load(name) for name in physics), key=lambda effect: (STAGES.index(effect.stage), effect.name))
@@ -306,7 +312,8 @@ class Chain:
         `rays` are the (rows, columns) of rays per pixel, or the rays of pixels that see an edge.
         """
         if beam is None:
-            return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))[None]
+            logarithm = np.tensordot(-self.scene.attenuation_per_mm, paths.astype(np.float64), 1)
+            return np.exp(logarithm, out=logarithm)[None]
         table = np.stack([attenuation_per_mm(material, beam.energies_kev) for material in self.scene.materials])
         shares = np.stack([beam.signal, beam.noise])
         if shares.ndim > 2 and isinstance(rays, EdgeScan):

@@ -17,6 +17,7 @@ from ..base.mounting import AS_STATED, Mounting
 from ..base.pose import Pose
 from .beam.sensors import Sensor
 from .beam.spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
+from .scenes.sampling import MIN_POINTS
 
 PHOTONS, AIR = "photons", "air"  # units of State.readout
 MIN_SIGNAL = 1e-6  # relative to air; smaller signals have no logarithm
@@ -112,6 +113,8 @@ class State:
     readout : float or {"photons", "air"}
         Mean reading of the air scan in readout units; PHOTONS: readings are numbers of photons; AIR: the reading is
         unknown, and the mean signal in air is the unit.
+    fewest_points : int
+        Fewest points along a side of the focal spot, and fewest times within a view, as `points` takes it.
     """
 
     geometry: ScanGeometry
@@ -142,6 +145,7 @@ class State:
     dark_air: float = 0.0
     readout: float | str = PHOTONS
     mounting: Mounting = AS_STATED
+    fewest_points: int = MIN_POINTS
 
     def __post_init__(self):
         if self.noise is None:

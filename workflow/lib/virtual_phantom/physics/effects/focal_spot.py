@@ -14,8 +14,9 @@ def apply(state: State, values: dict[str, float]) -> None:
     # Line focus: the length is the projection of a spot on an inclined anode, whose ends differ in distance.
     away = -length / math.tan(math.radians(state.anode.angle_deg))
     blur = geometry.magnification - 1
-    across = points(width, blur * width / geometry.column_pitch_mm)
-    along = points(length, blur * length / geometry.row_pitch_mm if geometry.rows > 1 else 0.0)
+    across = points(width, blur * width / geometry.column_pitch_mm, state.fewest_points)
+    of_rows = blur * length / geometry.row_pitch_mm if geometry.rows > 1 else 0.0
+    along = points(length, of_rows, state.fewest_points)
     state.sources = tuple(
         (u * width, v * length, v * away, one * other) for (u, one), (v, other) in itertools.product(across, along)
     )

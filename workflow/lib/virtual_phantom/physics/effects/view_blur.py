@@ -15,7 +15,7 @@ def apply(state: State, values: dict[str, float]) -> None:
     arc_rad = 2 * math.pi / geometry.views_per_rotation / geometry.views_apart
     pixel_mm = geometry.column_pitch_mm / geometry.magnification
     blurred = duty * arc_rad * geometry.field_of_view_radius_mm / pixel_mm
-    state.turns = tuple((duty * place, weight) for place, weight in points(duty, blurred))
+    state.turns = tuple((duty * place, weight) for place, weight in points(duty, blurred, state.fewest_points))
 
 
 EFFECT = Effect(

@@ -21,7 +21,7 @@ from .scene import VoxelScene, scan_key
 # Linear range: (largest displacement of a ray)^2 / voxel size, mm. The error grows with the square of the displacement
 # and falls with the voxel size. At this limit it is below 1 % of the noise of 1e5 photons per pixel.
 TOLERANCE_MM = 3e-4
-# Cache of traced scans, counted with all rays of a pixel; a focal spot takes nine scans.
+# Cache of traced scans, counted with all rays of a pixel; a focal spot takes four scans or more.
 CACHE_BYTES, MIN_CACHED, MAX_CACHED = 4e8, 10, 160
 
 PosedScan = tuple[ScanGeometry | SupersampledScan, Pose, np.ndarray | None]  # geometry, pose, motion_mm

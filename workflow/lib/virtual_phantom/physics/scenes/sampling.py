@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 # MAX_POINTS allows. Compared with 96 points per side, the peak of a ball as wide as a pixel then has an error of 6 %.
 # With three points, and pixels a quarter as wide as the blur, the error would be 32 %.
 MIN_POINTS, MAX_POINTS = 3, 7
+# Points of fits, and the blur in pixels up to which they are enough. Two points have the variance of the spot: at the
+# Nyquist frequency, the MTF changes by sinc(b / 2) - cos(pi b / sqrt(12)) = 0.0014 for a blur b of half a pixel.
+FEW_POINTS, FEW_POINTS_PX = 2, 0.5
 MAX_RAYS = 4_000_000  # computed at once, with about 100 bytes each
 # Attributes that a SupersampledScan takes from its geometry, because they do not depend on the rays of a pixel.
 DELEGATED = (
@@ -171,7 +174,7 @@ def average_rays(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     )
 
 
-def points(side: float, blurred_px: float) -> list[tuple[float, float]]:
+def points(side: float, blurred_px: float, fewest: int = MIN_POINTS) -> list[tuple[float, float]]:
     """Return points along a side of the focal spot and their weights, by Gauss-Legendre quadrature.
 
     Parameters
@@ -180,6 +183,8 @@ def points(side: float, blurred_px: float) -> list[tuple[float, float]]:
         Length of the side; 0: one point.
     blurred_px : float
         Width of the blur of an object at the isocenter, pixels.
+    fewest : int, optional
+        Fewest points for a blur of up to FEW_POINTS_PX; MIN_POINTS for a larger one.
 
     Returns
     -------
@@ -188,7 +193,8 @@ def points(side: float, blurred_px: float) -> list[tuple[float, float]]:
     """
     if not side:
         return [(0.0, 1.0)]
-    return list(_gauss_legendre(min(max(MIN_POINTS, math.ceil(blurred_px) + 1), MAX_POINTS)))
+    fewest = fewest if blurred_px <= FEW_POINTS_PX else MIN_POINTS
+    return list(_gauss_legendre(min(max(fewest, math.ceil(blurred_px) + 1), MAX_POINTS)))
 
 
 def sources(state: State) -> Iterator[tuple[ScanGeometry, float | np.ndarray]]:
