@@ -8,8 +8,7 @@ A shape is the intersection of half-spaces and at most one quadric: all points x
 A ray therefore has one interval in a shape. Ellipsoids, cylinders and cones have a quadric; planes bound boxes and the
 ends of cylinders and cones.
 
-The rays of a bundle differ only in the rise of their end, so shapes that the bundle misses are excluded once, and the
-coefficients of a ray's quadratic equations are polynomials in its rise.
+The rays of a bundle share their projection onto the plane z = 0, so shapes that they miss are excluded once per bundle.
 """
 
 from __future__ import annotations
@@ -52,51 +51,104 @@ class Shapes(NamedTuple):
     around: np.ndarray
 
 
+@compiled(inline="always", **EXACT)
+def _behind_planes(shapes, i, source, way):
+    """Return the part [first, last] of a ray, as fractions of its length, that lies behind the planes of a shape."""
+    first, last = 0.0, 1.0
+    for p in range(shapes.first_plane[i], shapes.first_plane[i + 1]):
+        plane = shapes.planes[p]
+        along = plane[0] * way[0] + plane[1] * way[1] + plane[2] * way[2]
+        left = plane[3] - (plane[0] * source[0] + plane[1] * source[1] + plane[2] * source[2])
+        if abs(along) < PARALLEL:
+            if left < 0:
+                last = -1.0
+        elif along > 0:
+            last = min(last, left / along)
+        else:
+            first = max(first, left / along)
+    return first, last
+
+
+@compiled(inline="always", **EXACT)
+def _within_quadric(q, source, way, first, last):
+    """Return the part of [first, last] within a quadric. A ray may cross both halves of a cone; planes exclude one."""
+    x, y, z = source[0], source[1], source[2]
+    u, v, w = way[0], way[1], way[2]
+    qx, qy, qz = q[0] * u + q[3] * v + q[4] * w, q[3] * u + q[1] * v + q[5] * w, q[4] * u + q[5] * v + q[2] * w
+    a = qx * u + qy * v + qz * w
+    half = qx * x + qy * y + qz * z + q[6] * u + q[7] * v + q[8] * w
+    c = (
+        (q[0] * x + q[3] * y + q[4] * z) * x
+        + (q[3] * x + q[1] * y + q[5] * z) * y
+        + (q[4] * x + q[5] * y + q[2] * z) * z
+        + 2.0 * (q[6] * x + q[7] * y + q[8] * z)
+        + q[9]
+    )
+    length = u * u + v * v + w * w
+    if abs(a) < PARALLEL * length:
+        if abs(half) < PARALLEL * length:
+            return (first, last) if c <= 0 else (0.0, -1.0)
+        edge = -0.5 * c / half
+        return (first, min(last, edge)) if half > 0 else (max(first, edge), last)
+    root = half * half - a * c
+    if root <= 0:
+        return (first, last) if a < 0 else (0.0, -1.0)
+    # Avoid cancellation: one root from the sum of equal signs, the other from their product.
+    sum_ = -half - np.sqrt(root) if half > 0 else -half + np.sqrt(root)
+    one, another = sum_ / a, c / sum_ if sum_ != 0 else 0.0
+    low, high = min(one, another), max(one, another)
+    if a > 0:
+        return max(first, low), min(last, high)
+    before, after = min(last, low) - first, last - max(first, high)
+    return (first, min(last, low)) if before > after else (max(first, high), last)
+
+
 class Workspace(NamedTuple):
     """Work arrays of one thread.
 
     Attributes
     ----------
+    begin, end, met : ndarray, shape (shapes,)
+        Entry and exit of the ray in the shapes that it meets, and the indices of these shapes.
+    edges : ndarray, shape (2 shapes,)
+        All entries and exits in order.
+    way, nearest : ndarray, shape (3,)
+        Vector from source to detector, and the point of the ray that is nearest to the isocenter.
     passed, near, far : ndarray, shape (shapes,)
         Shapes that the bundle's projection crosses, and where it enters and leaves them.
-    planes : ndarray, shape (planes, 3)
-        Of the planes of a shape: normal . way of the ray without rise, the same per rise, and the distance of the
-        source from the plane.
-    quadrics : ndarray, shape (shapes, 9)
-        Coefficients of a t^2 + 2 h t + c <= 0 on a ray: a, then h, then c, each for powers 0 to 2 of the rise.
-    first, last : ndarray, shape (rows,)
-        Part of each ray that lies in a shape.
-    parts : ndarray, shape (rows,)
-        Number of parts of each ray that lie in later shapes.
-    begin, end : ndarray, shape (rows, shapes)
-        These parts, which are disjoint.
-    shares : ndarray, shape (rows, materials)
-        Fraction of each ray in each material.
+    shares : ndarray, shape (materials,)
+        Fraction of the ray in each material.
     """
 
+    begin: np.ndarray
+    end: np.ndarray
+    met: np.ndarray
+    edges: np.ndarray
+    way: np.ndarray
+    nearest: np.ndarray
     passed: np.ndarray
     near: np.ndarray
     far: np.ndarray
-    planes: np.ndarray
-    quadrics: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
-    parts: np.ndarray
-    begin: np.ndarray
-    end: np.ndarray
     shares: np.ndarray
 
     @classmethod
-    def of(cls, shapes: Shapes, rows: int) -> Workspace:
-        """Allocate work arrays for these shapes and bundles of this many rays."""
+    def of(cls, shapes: Shapes) -> Workspace:
+        """Allocate work arrays for these shapes."""
         count = len(shapes.material)
-        near, far = np.empty((2, count))
-        planes, quadrics = np.empty((len(shapes.planes), 3)), np.empty((count, 9))
-        first, last = np.empty((2, rows))
-        begin, end = np.empty((2, rows, count))
-        shares = np.empty((rows, 1 + shapes.material.max(initial=-1)))
-        passed, parts = np.empty(count, np.int64), np.empty(rows, np.int64)
-        return cls(passed, near, far, planes, quadrics, first, last, parts, begin, end, shares)
+        begin, end, near, far = np.empty((4, count))
+        met, passed = np.empty((2, count), np.int64)
+        shares = np.empty(1 + shapes.material.max(initial=-1))
+        return cls(begin, end, met, np.empty(2 * count), np.empty(3), np.empty(3), passed, near, far, shares)
+
+
+@compiled(inline="always", **EXACT)
+def _insert(edges, count, value):
+    """Insert a value into a sorted array of `count` values."""
+    place = count
+    while place > 0 and edges[place - 1] > value:
+        edges[place] = edges[place - 1]
+        place -= 1
+    edges[place] = value
 
 
 @compiled(inline="always", **EXACT)
@@ -123,135 +175,10 @@ def _passed(shapes, source, to_x, to_y, workspace):
 
 
 @compiled(inline="always", **EXACT)
-def _at_heights(around, z, low, high, near, far):
-    """Return whether rays between two rises reach the heights of a shape between two fractions of their length."""
-    low, high = min(low, high), max(low, high)
-    return z + max(near * high, far * high) >= around[3] and z + min(near * low, far * low) <= around[4]
-
-
-@compiled(inline="always", **EXACT)
-def _prepare(shapes, i, source, way, lowest, highest, near, far, closest, workspace):
-    """Store a shape's planes and quadric in terms of the rise of the rays of a bundle, and return the number of planes.
-
-    Planes are left out if no ray crosses them between the fractions `near` and `far`, which bound the shape. Quadratic
-    equations start at the fraction `closest` of a ray, near the isocenter: the source may be far away.
-    """
-    u, v, w, count = way[0], way[1], way[2], 0
-    for p in range(shapes.first_plane[i], shapes.first_plane[i + 1]):
-        plane, cut = shapes.planes[p], workspace.planes[count]
-        cut[0], cut[1] = plane[0] * u + plane[1] * v + plane[2] * w, plane[2]
-        cut[2] = plane[3] - (plane[0] * source[0] + plane[1] * source[1] + plane[2] * source[2])
-        low, high = cut[0] + lowest * cut[1], cut[0] + highest * cut[1]
-        if max(near * low, near * high, far * low, far * high) > cut[2]:
-            count += 1
-    if not shapes.curved[i]:
-        return count
-    q, found = shapes.quadrics[i], workspace.quadrics[i]
-    x, y, z = source[0] + closest * u, source[1] + closest * v, source[2] + closest * w
-    # Q . way, and the gradient Q . x + b at the start; a rise r displaces the start by closest r along z.
-    qx, qy, qz = q[0] * u + q[3] * v + q[4] * w, q[3] * u + q[1] * v + q[5] * w, q[4] * u + q[5] * v + q[2] * w
-    gx = q[0] * x + q[3] * y + q[4] * z + q[6]
-    gy = q[3] * x + q[1] * y + q[5] * z + q[7]
-    gz = q[4] * x + q[5] * y + q[2] * z + q[8]
-    found[0], found[1], found[2] = qx * u + qy * v + qz * w, 2.0 * qz, q[2]
-    found[3], found[4], found[5] = gx * u + gy * v + gz * w, gz + closest * qz, closest * q[2]
-    found[6] = (gx + q[6]) * x + (gy + q[7]) * y + (gz + q[8]) * z + q[9]
-    found[7], found[8] = 2.0 * closest * gz, closest * closest * q[2]
-    return count
-
-
-# The compiler vectorizes the loops of the next two functions, which therefore have no branches.
-@compiled(**EXACT)
-def _behind_planes(planes, rises, near, far, first, last):
-    """Write the parts of [near, far] of the rays of a bundle behind planes, which are rows of Workspace.planes."""
-    for row in range(rises.size):
-        first[row], last[row] = near, far
-    for p in range(len(planes)):
-        start, per_rise, left = planes[p, 0], planes[p, 1], planes[p, 2]
-        for row in range(rises.size):
-            along = start + rises[row] * per_rise
-            at, low, high = left / along, first[row], last[row]
-            first[row] = at if (along <= -PARALLEL) & (at > low) else low
-            high = at if (along >= PARALLEL) & (at < high) else high
-            last[row] = -1.0 if (abs(along) < PARALLEL) & (left < 0) else high
-
-
-@compiled(**EXACT)
-def _cut_by_convex(q, rises, closest, first, last):
-    """Reduce [first, last] to the parts within a quadric `q`, a row of Workspace.quadrics, where `_is_convex` holds."""
-    for row in range(rises.size):
-        rise = rises[row]
-        a = q[0] + rise * (q[1] + rise * q[2])
-        half = q[3] + rise * (q[4] + rise * q[5])
-        c = q[6] + rise * (q[7] + rise * q[8])
-        root = half * half - a * c
-        low, high = first[row], last[row]
-        # Avoid cancellation: one root from the sum of equal signs, the other from their product.
-        size = np.sqrt(max(root, 0.0))
-        sum_ = -half - size if half > 0 else -half + size
-        one, another = sum_ / a + closest, c / sum_ + closest
-        near, far = (one, another) if one < another else (another, one)
-        first[row] = near if near > low else low
-        high = far if far < high else high
-        last[row] = high if root > 0 else -1.0
-
-
-@compiled(**EXACT)
-def _cut_by_any(q, rises, across, up, closest, first, last):
-    """As `_cut_by_convex` for any quadric. A ray may cross both halves of a cone; planes exclude one."""
-    for row in range(rises.size):
-        rise, low, high = rises[row], first[row] - closest, last[row] - closest
-        square = across + (up + rise) ** 2
-        a = q[0] + rise * (q[1] + rise * q[2])
-        half = q[3] + rise * (q[4] + rise * q[5])
-        c = q[6] + rise * (q[7] + rise * q[8])
-        root = half * half - a * c
-        if abs(a) < PARALLEL * square:
-            if abs(half) >= PARALLEL * square:
-                edge = -0.5 * c / half
-                low, high = (low, min(high, edge)) if half > 0 else (max(low, edge), high)
-            elif c > 0:
-                high = low - 1.0
-        elif root <= 0:
-            high = high if a < 0 else low - 1.0
-        else:
-            # Avoid cancellation: one root from the sum of equal signs, the other from their product.
-            sum_ = -half - np.sqrt(root) if half > 0 else -half + np.sqrt(root)
-            one, another = sum_ / a, c / sum_ if sum_ != 0 else 0.0
-            near, far = min(one, another), max(one, another)
-            if a > 0:
-                low, high = max(low, near), min(high, far)
-            else:
-                before, after = min(high, near) - low, high - max(low, far)
-                low, high = (low, min(high, near)) if before > after else (max(low, far), high)
-        first[row], last[row] = low + closest, high + closest
-
-
-@compiled(inline="always", **EXACT)
-def _is_convex(q, rises, across, up):
-    """Return whether the leading coefficient of a row of Workspace.quadrics is positive for all rays of a bundle."""
-    for row in range(rises.size):
-        rise = rises[row]
-        if q[0] + rise * (q[1] + rise * q[2]) < PARALLEL * (across + (up + rise) ** 2):
-            return False
-    return True
-
-
-@compiled(inline="always", **EXACT)
-def _cover(workspace, row, first, last):
-    """Add a part of a ray to those in later shapes, and return the length that is in none of them."""
-    begin, end = workspace.begin[row], workspace.end[row]
-    low, high, uncovered, left = first, last, last - first, 0
-    for j in range(workspace.parts[row]):
-        if begin[j] < last and first < end[j]:  # they overlap: one part takes their place
-            uncovered -= min(end[j], last) - max(begin[j], first)
-            low, high = min(low, begin[j]), max(high, end[j])
-        else:
-            begin[left], end[left] = begin[j], end[j]
-            left += 1
-    begin[left], end[left] = low, high
-    workspace.parts[row] = left + 1
-    return max(uncovered, 0.0)
+def _at_height(around, z, rise, near, far):
+    """Return whether a ray between two fractions of its length reaches the heights of a shape."""
+    one, another = z + near * rise, z + far * rise
+    return max(one, another) >= around[3] and min(one, another) <= around[4]
 
 
 @compiled(**EXACT)
@@ -265,49 +192,64 @@ def chords(shapes, sources, ways, rises, size, lengths, workspace):
     ways : ndarray, shape (views, bundles, 3)
         Vector from the source to the detector for a rise of 0, mm.
     rises : ndarray, shape (rows,)
-        Ascending or descending; added to the z component in each row, mm.
+        Added to the z component in each row, mm.
     size : float
         Factor for all lengths.
     lengths : ndarray of float32, shape (materials, views, rows, bundles)
         Output; must be zeros.
     """
-    views, bundles, rows = ways.shape[0], ways.shape[1], len(rises)
-    first, last, shares = workspace.first, workspace.last, workspace.shares
+    views, bundles = ways.shape[0], ways.shape[1]
+    begin, end, met, edges, way, nearest = (
+        workspace.begin,
+        workspace.end,
+        workspace.met,
+        workspace.edges,
+        workspace.way,
+        workspace.nearest,
+    )
+    shares = workspace.shares
     for view in range(views):
         source = sources[view]
         for bundle in range(bundles):
-            way = ways[view, bundle]
+            way[0], way[1] = ways[view, bundle, 0], ways[view, bundle, 1]
             count = _passed(shapes, source, way[0], way[1], workspace)
             if count == 0:
                 continue
-            across = way[0] * way[0] + way[1] * way[1]
-            closest = -(source[0] * way[0] + source[1] * way[1] + source[2] * way[2]) / (across + way[2] * way[2])
-            for row in range(rows):
-                workspace.parts[row] = 0
-                for material in range(shares.shape[1]):
-                    shares[row, material] = 0.0
-            for place in range(count - 1, -1, -1):
-                i, near, far = workspace.passed[place], workspace.near[place], workspace.far[place]
-                if not _at_heights(shapes.around[i], source[2], way[2] + rises[0], way[2] + rises[-1], near, far):
+            for row in range(len(rises)):
+                way[2] = ways[view, bundle, 2] + rises[row]
+                found = 0
+                # The origin is the point nearest to the isocenter, because the source may be far away.
+                closest = 0.0
+                for axis in range(3):
+                    closest -= source[axis] * way[axis]
+                closest /= way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
+                for axis in range(3):
+                    nearest[axis] = source[axis] + closest * way[axis]
+                for place in range(count):
+                    i = workspace.passed[place]
+                    if not _at_height(shapes.around[i], source[2], way[2], workspace.near[place], workspace.far[place]):
+                        continue
+                    first, last = _behind_planes(shapes, i, source, way)
+                    if first < last and shapes.curved[i]:
+                        low, high = first - closest, last - closest
+                        low, high = _within_quadric(shapes.quadrics[i], nearest, way, low, high)
+                        first, last = low + closest, high + closest
+                    if first < last:
+                        begin[found], end[found], met[found] = first, last, i
+                        _insert(edges, 2 * found, first)
+                        _insert(edges, 2 * found + 1, last)
+                        found += 1
+                if found == 0:
                     continue
-                planes = _prepare(shapes, i, source, way, rises[0], rises[-1], near, far, closest, workspace)
-                _behind_planes(workspace.planes[:planes], rises, near, far, first, last)
-                if shapes.curved[i]:
-                    q = workspace.quadrics[i]
-                    if _is_convex(q, rises, across, way[2]):
-                        _cut_by_convex(q, rises, closest, first, last)
-                    else:
-                        _cut_by_any(q, rises, across, way[2], closest, first, last)
-                material = shapes.material[i]
-                for row in range(rows):
-                    if first[row] < last[row]:
-                        uncovered = _cover(workspace, row, first[row], last[row])
-                        if material >= 0:
-                            shares[row, material] += uncovered
-            for row in range(rows):
-                if workspace.parts[row] > 0:
-                    up = way[2] + rises[row]
-                    whole = size * np.sqrt(across + up * up)
-                    for material in range(shares.shape[1]):
-                        if shares[row, material] > 0.0:
-                            lengths[material, view, row, bundle] = shares[row, material] * whole
+                shares[:] = 0.0
+                for part in range(2 * found - 1):
+                    middle = 0.5 * (edges[part] + edges[part + 1])
+                    for k in range(found - 1, -1, -1):
+                        if begin[k] < middle < end[k]:
+                            material = shapes.material[met[k]]
+                            if material >= 0:
+                                shares[material] += edges[part + 1] - edges[part]
+                            break
+                whole = size * np.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+                for material in range(shares.size):
+                    lengths[material, view, row, bundle] = shares[material] * whole

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..base.compiled import compiled
 from .chords import EXACT
+from .lanes import OPTIONS
 
 MOST_KINKS = 8  # within a pixel along a line; further ones are ignored
 
@@ -52,10 +53,10 @@ def _functions(shapes, i, source, way, point, values):
     first, last, count = shapes.first_plane[i], shapes.first_plane[i + 1], 0
     if shapes.curved[i]:
         value, half, metric = _surface(shapes.quadrics[i], point, way)
-        values[0], count = (half * half - metric * value) / square, 1
+        values[0], count = half * half - metric * value, 1
         for one in range(first, last):
             left, along = _crossing(shapes.planes[one], point, way)
-            values[count] = (along * along * value + 2.0 * left * along * half + left * left * metric) / square
+            values[count] = along * along * value + 2.0 * left * along * half + left * left * metric
             count += 1
     for one in range(first, last):
         left, along = _crossing(shapes.planes[one], point, way)
@@ -124,39 +125,66 @@ def kinks_in_pixels(shapes, sources, ways, found, counts, point, values):
 
 
 @compiled(**EXACT)
-def pixels_with_kinks(shapes, sources, ways, offsets, there, way, point, found, values):
+def pixels_with_kinks(shapes, sources, ways, offsets, step, there, way, point, found, values):
     """Find the pixels that have a kink on one of some parallel lines through the detector.
+
+    On an arc, the parabolas through three rays of a segment are approximate, and a kink may be found in a neighbor.
 
     Parameters
     ----------
     shapes : chords.Shapes
     sources : ndarray, shape (views, 3)
         Start of the rays, mm.
-    ways : ndarray, shape (views, 2 pixels + 1, 3)
-        Vectors from the source to the borders and centers of the pixels of a line, in turn, mm.
+    ways : ndarray, shape (views, 2 segments + 1, 3)
+        Vectors from the source to the borders and centers of segments of a line, in turn, mm.
     offsets : ndarray, shape (views, lines, 3)
         Vectors by which the lines are displaced, mm.
-    there : ndarray of bool, shape (views, lines, pixels)
+    step : int
+        Pixels per segment.
+    there : ndarray of bool, shape (views, lines, step * segments)
         Output.
-    way, point, found, values : ndarray, shape (3,), (3,), (MOST_KINKS,) and (2 pixels + 1, functions)
+    way, point, found, values : ndarray, shape (3,), (3,), (MOST_KINKS,) and (2 segments + 1, functions)
         Work arrays.
     """
-    pixels = ways.shape[1] // 2
+    segments = ways.shape[1] // 2
     for view in range(len(sources)):
         for line in range(offsets.shape[1]):
             there[view, line] = False
             for i in range(len(shapes.material)):
                 functions = 0
-                for place in range(2 * pixels + 1):
+                for place in range(2 * segments + 1):
                     for axis in range(3):
                         way[axis] = ways[view, place, axis] + offsets[view, line, axis]
                     functions = _functions(shapes, i, sources[view], way, point, values[place])
-                for pixel in range(pixels):
+                for segment in range(segments):
+                    start, middle, end = values[2 * segment], values[2 * segment + 1], values[2 * segment + 2]
                     for one in range(functions):
-                        first, middle, last = 2 * pixel, 2 * pixel + 1, 2 * pixel + 2
-                        if _insert_roots(values[first, one], values[middle, one], values[last, one], found, 0):
-                            there[view, line, pixel] = True
-                            break
+                        for kink in range(_insert_roots(start[one], middle[one], end[one], found, 0)):
+                            there[view, line, step * segment + int(step * found[kink])] = True
+
+
+@compiled(**OPTIONS)
+def add_vectors(views, amounts, vectors, found):
+    """Add multiples of vectors of a view to its vectors from the source to the detector.
+
+    Parameters
+    ----------
+    views : ndarray of int, shape (lines,)
+    amounts : ndarray, shape (vectors, lines, places)
+    vectors : ndarray, shape (1 + vectors, views, 3)
+        The first one is added once.
+    found : ndarray, shape (lines, places, 3)
+        Output.
+    """
+    count, lines, places = amounts.shape
+    for line in range(lines):
+        view = views[line]
+        for place in range(places):
+            for axis in range(3):
+                total = vectors[0, view, axis]
+                for one in range(count):
+                    total += amounts[one, line, place] * vectors[1 + one, view, axis]
+                found[line, place, axis] = total
 
 
 def most_functions(shapes) -> int:

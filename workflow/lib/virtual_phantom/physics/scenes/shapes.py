@@ -275,7 +275,7 @@ class ShapesScene(Scene):
 
         def run(first, last):
             part = sources[first:last], rays[first:last], rises, float(pose.size), lengths[:, first:last]
-            chords(self._shapes, *part, Workspace.of(self._shapes, len(rises)))
+            chords(self._shapes, *part, Workspace.of(self._shapes))
 
         run_in_threads(run, len(sources), self.threads)
         return lengths.reshape(-1, *geometry.shape)
