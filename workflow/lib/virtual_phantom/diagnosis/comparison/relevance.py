@@ -277,7 +277,9 @@ def _root_mean_square(reference: np.ndarray, images: np.ndarray, regions: Region
     square = max(0.0, float((difference**2).mean()) - noise)
     independent = regions.inner.sum() / max(_area(stack, regions) for stack in (reference, images))
     value = np.sqrt(square)
-    least = np.sqrt(max(0.0, square - 2 * noise * np.sqrt(2 / independent)))
+    # Variances of the squared difference of independent values, and of its noise as estimated from few repeats.
+    relative = 2 / independent + (0.0 if paired else 1 / (len(images) - 1) / independent)
+    least = np.sqrt(max(0.0, square - 2 * noise * np.sqrt(relative)))
     return ImageChange(float(value), float(value - least) / 2)
 
 
@@ -288,8 +290,11 @@ def _of_areas(reference: np.ndarray, images: np.ndarray, regions: Regions, paire
         raise InputError("mean HU need a region in the image; there is none")
     means = [np.stack([stack[:, mask].mean(axis=1) for mask in areas], axis=1) for stack in (reference, images)]
     difference, error = _paired(*means) if paired else _unpaired(*means)
-    # Bonferroni correction over the areas, instead of the 5 % that two standard errors leave.
-    wider = stats.norm.isf(ALPHA / 2 / len(areas)) / 2
+    # Bonferroni correction over the areas, instead of the 5 % that two standard errors leave. Differences of unpaired
+    # images have the noise of few repeats.
+    repeats = len(reference) + len(images) - 2
+    level = ALPHA / 2 / len(areas)
+    wider = (stats.norm.isf(level) if paired or not repeats else stats.t.isf(level, repeats)) / 2
     sure = np.abs(difference) - 2 * wider * error
     worst = int(np.argmax(sure if np.isfinite(sure).all() else np.abs(difference)))
     return ImageChange(float(difference[worst]), _known(wider * error[worst]))
