@@ -20,13 +20,11 @@ from ..noise.condensed import Blocks
 from ..projections.model import ScansModel
 from ..projections.object_errors import ObjectErrors
 from ..projections.observed import PARTS, ObservedScans, neighbors, white_shape
+from ..workload import SAMPLES
 from .information import MeasurementInformation, keys_of, measurement_information, slope
 
 # Rays and views used for expectations, with weights for all rays. A choice that limits the run time.
 MOST_RAYS, LEAST_VIEWS = 1.5e4, 24
-# Rays per pixel and direction for objects with sharp edges. With few rays, the change by a displacement depends on
-# single rays that graze an edge. For voxels, the number in the model of the recording is used.
-SAMPLES = 4
 # Steps of derivatives: object displacement in pixels, and largest share of a parameter's range. With a tenth of a pixel
 # or more, detector offset and center of rotation of a centered disc, which are equivalent, had a correlation of 0.98.
 MOVED, STEP = 1 / 60, 0.02
@@ -92,6 +90,7 @@ class FurtherScan:
         if readout != PHOTONS:  # the reading in air is proportional to the photons
             readout = like.air_reading * self.photons
         photons = like.photons * self.photons
+        # With a single ray per pixel, the change by a displacement depends on single rays that graze an edge.
         samples = like.samples if hasattr(self.scene, "slopes") else max(like.samples, SAMPLES)
         return Chain(self.scene, self.geometry, photons, samples, like.illumination, like.sensor, readout)
 
