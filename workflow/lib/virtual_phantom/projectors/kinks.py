@@ -1,10 +1,8 @@
 """Rays at which the path length in a convex shape has no derivative: along the outline of the shape and its edges.
 
-Along a line of the detector, all of these are zeros of functions of the ray that are quadratic in its direction:
-
-    surface         the discriminant of the ray and the quadric (the ray touches the quadric)
-    rim             the value of the quadric where the ray crosses a plane
-    edge            the difference of the places where the ray crosses two planes
+These rays are the zeros of functions that are quadratic in the direction of the ray: the discriminant of ray and quadric
+(the ray touches the surface), the value of the quadric where the ray crosses a plane (a rim), and the difference of the
+places where the ray crosses two planes (an edge).
 
 A function is therefore a parabola along the columns or rows of a flat detector, and nearly so across a pixel of an arc.
 """
@@ -69,7 +67,7 @@ def _functions(shapes, i, source, way, point, values):
 
 @compiled(inline="always", **EXACT)
 def _insert(found, count, place):
-    """Insert a place in (0, 1) into a sorted array of `count` places, if there is room; return the new count."""
+    """Insert a place in (0, 1) into a sorted array of `count` places, unless it is full; return the new count."""
     if not 0.0 < place < 1.0 or count == len(found):
         return count
     at = count
