@@ -1,8 +1,8 @@
 """Rays at which the path length in a convex shape has no derivative: along the outline of the shape and its edges.
 
-These rays are the zeros of functions that are quadratic in the direction of the ray: the discriminant of ray and quadric
-(the ray touches the surface), the value of the quadric where the ray crosses a plane (a rim), and the difference of the
-places where the ray crosses two planes (an edge).
+These rays are zeros of functions that are quadratic in the direction of the ray. The ray touches the surface where the
+discriminant of ray and quadric is zero. It meets a rim where the quadric is zero at the crossing of a plane, and an edge
+where the crossings of two planes are at one place.
 
 A function is therefore a parabola along the columns or rows of a flat detector, and nearly so across a pixel of an arc.
 """
