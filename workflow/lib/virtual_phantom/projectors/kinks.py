@@ -1,8 +1,8 @@
 """Rays at which the path length in a convex shape has no derivative: along the outline of the shape and its edges.
 
-These rays are zeros of functions that are quadratic in the direction of the ray. The ray touches the surface where the
-discriminant of ray and quadric is zero. It meets a rim where the quadric is zero at the crossing of a plane, and an edge
-where the crossings of two planes are at one place.
+These rays are zeros of functions that are quadratic in the direction of the ray. A ray touches the surface where the
+discriminant of ray and quadric is zero. It meets a rim where the quadric is zero at the crossing of a plane. It meets
+an edge where the crossings of two planes are at one place.
 
 A function is therefore a parabola along the columns or rows of a flat detector, and nearly so across a pixel of an arc.
 """
