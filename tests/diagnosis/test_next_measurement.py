@@ -269,7 +269,7 @@ def test_displacement_changes_nothing_without_an_object_in_the_beam():
     """The step of other parameters is not affected."""
     prepared = prepare_recording({OFFSET: {"columns_px": 0.15}})
     fit, model = prepared.fitter.fit((OFFSET,)), prepared.fitter.model
-    nothing = FurtherScan("air", "", DiscScene(0.0, "air"), GEOMETRY)
+    nothing = FurtherScan("air", "", DiscScene(1e-6, "air"), GEOMETRY)
     told_of = nothing.information(model, fit, conditions_of(prepared))
     assert np.isfinite(told_of.changes).all() and (told_of.steps > 0).all()
     offset = told_of.keys.index(("air", "alignment", "offset"))

@@ -290,21 +290,23 @@ class Chain:
                 signal = signal * inclusion_transmission(added, rays, pose, motion_mm)
             total = total + average_rays(signal, weights)
         if self.samples > 1 and isinstance(self.scene, ShapesScene):
-            for edges, paths in self._edges(geometry, pose, motion_mm):
+            for edges, paths in self._edges(geometry, pose, motion_mm, added):
                 signal = self._ray_signal(paths, beam, edges)
                 if added:
                     signal = signal * inclusion_transmission(added, edges, pose, None)
                 edges.replace_in(total, signal)
         return total
 
-    def _edges(self, geometry, pose: Pose, motion_mm) -> list[tuple[EdgeScan, np.ndarray]]:
-        """Return the rays of pixels that see an edge, with their path lengths."""
+    def _edges(self, geometry, pose: Pose, motion_mm, added: Inclusions) -> list[tuple[EdgeScan, np.ndarray]]:
+        """Return the rays of pixels that see an edge of the scene or of an added shape, with their path lengths."""
 
         def trace() -> list[tuple[EdgeScan, np.ndarray]]:
-            scans = self.scene.edge_scans(geometry, self.samples, pose, motion_mm)
+            whole = ShapesScene([*self.scene.shapes, *(shape.shape for shape, _ in added)]) if added else self.scene
+            scans = whole.edge_scans(geometry, self.samples, pose, motion_mm)
             return [(edges, self.scene.path_lengths(edges, pose)) for edges in scans]
 
-        return self._paths.get(("edges", scan_key(geometry, pose, motion_mm)), trace)
+        key = "edges", scan_key(geometry, pose, motion_mm), *(shape.key for shape, _ in added)
+        return self._paths.get(key, trace)
 
     def _ray_signal(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int] | EdgeScan) -> np.ndarray:
         """Return the signal of every ray by the Beer-Lambert law.

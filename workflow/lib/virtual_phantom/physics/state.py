@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -32,9 +32,10 @@ MAX_VARIANCE = 0.2  # variance of line integrals up to which the series for the 
 
 
 class AddedShape(Protocol):
-    """A shape inside the scanned object, such as inclusion.Inclusion."""
+    """A shape inside the scanned object, such as inclusion.Inclusion; `shape` is a shapes.Shape."""
 
     key: Hashable
+    shape: Any
 
     def lengths_mm(self, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> np.ndarray:
         """As Inclusion.lengths_mm."""

@@ -29,7 +29,7 @@ class Inclusion:
     """
 
     def __init__(self, shape: Shape, key: Hashable):
-        self.key, self._scene = key, ShapesScene([shape])
+        self.key, self.shape, self._scene = key, shape, ShapesScene([shape])
         self._lengths: LRUCache | None = None
 
     def lengths_mm(
