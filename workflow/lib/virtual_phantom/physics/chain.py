@@ -38,7 +38,7 @@ from .effect import (
 from .scenes.inclusion import inclusion_transmission
 from .scenes.posed import LinearizedScene, PosedScan, PosedScene
 from .scenes.sampling import MIN_POINTS, average_rays, later_geometry, sources, supersampled
-from .scenes.scene import IN_PLACE, Pose, VoxelScene, scan_key
+from .scenes.scene import IN_PLACE, DiscScene, Pose, VoxelScene, scan_key
 from .state import AIR, EARLIER_VIEWS, PHOTONS, Inclusions, State
 
 # Cached results. A fit varies one parameter at a time, and most parameters leave the results of earlier stages as they
@@ -266,6 +266,8 @@ class Chain:
         -------
         ndarray of float64, shape (1 or 2, views, rows, columns)
         """
+        if isinstance(self.scene, DiscScene) and not added:  # poses that look the same share a result
+            pose = self.scene.seen_pose(pose)
         scan = scan_key(geometry, pose, motion_mm)
         key = scan, None if beam is None else beam.key, *((shape.key, excess) for shape, excess in added)
         return self._transmissions.get(key, lambda: self._transmission(geometry, pose, motion_mm, beam, added))

@@ -282,6 +282,10 @@ class DiscScene(Scene):
         self.radius_mm, self.materials = diameter_mm / 2, (material,)
         self.energy_kev = energy_kev if mu_per_mm is None else energy_of(material, mu_per_mm)
 
+    def seen_pose(self, pose: Pose) -> Pose:
+        """Return the part of a pose that changes path lengths: rotations and displacements along z have no effect."""
+        return replace(pose, z_mm=0.0, turn_deg=0.0)
+
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
         """As GridScene.path_lengths; rotations have no effect."""
         center = np.array([pose.x_mm, pose.y_mm, 0.0]) + (0.0 if motion_mm is None else motion_mm)
