@@ -286,6 +286,9 @@ class Chain:
 
     def _ray_signal(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int]) -> np.ndarray:
         """Return the signal of every ray by the Beer-Lambert law; `rays` are the (rows, columns) of rays per pixel."""
+        if beam is None and paths.dtype == np.float32:  # their rounding is as large as that of the signal
+            table, shares = self.scene.attenuation_per_mm[:, None], np.ones((1, 1))
+            return polychromatic_signal(paths, table, shares, self.scene.threads)
         if beam is None:
             logarithm = np.tensordot(-self.scene.attenuation_per_mm, paths.astype(np.float64), 1)
             return np.exp(logarithm, out=logarithm)[None]
