@@ -60,8 +60,8 @@ class Workspace(NamedTuple):
     passed, near, far : ndarray, shape (shapes,)
         Shapes that the bundle's projection crosses, and where it enters and leaves them.
     planes : ndarray, shape (planes, 3)
-        Of the planes of a shape: normal . way of the ray without rise, the same per rise, and the distance of the
-        source from the plane.
+        Planes of a shape: normal . way of the ray without rise, the same per rise, and the distance of the source from
+        the plane.
     quadrics : ndarray, shape (shapes, 9)
         Coefficients of a t^2 + 2 h t + c <= 0 on a ray: a, then h, then c, each for powers 0 to 2 of the rise.
     first, last : ndarray, shape (rows,)
@@ -133,7 +133,7 @@ def _at_heights(around, z, low, high, near, far):
 def _prepare(shapes, i, source, way, lowest, highest, near, far, closest, workspace):
     """Store a shape's planes and quadric in terms of the rise of the rays of a bundle, and return the number of planes.
 
-    Planes are left out if no ray crosses them between the fractions `near` and `far`, which bound the shape. Quadratic
+    Planes that no ray crosses between the fractions `near` and `far`, which bound the shape, are skipped. Quadratic
     equations start at the fraction `closest` of a ray, near the isocenter: the source may be far away.
     """
     u, v, w, count = way[0], way[1], way[2], 0
