@@ -8,7 +8,7 @@ A shape is the intersection of half-spaces and at most one quadric: all points x
 A ray therefore has one interval in a shape. Ellipsoids, cylinders and cones have a quadric; planes bound boxes and the
 ends of cylinders and cones.
 
-The rays of a bundle differ only in the rise of their end, so shapes that the bundle misses are excluded once, and the
+The rays of a bundle differ only in the rise of their end, so shapes that the bundle misses are excluded once. The
 coefficients of a ray's quadratic equations are polynomials in its rise.
 """
 
