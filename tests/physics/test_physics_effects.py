@@ -16,7 +16,14 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load, names
 from virtual_phantom.physics.noise.correlation import correlations
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
-from virtual_phantom.physics.scenes.sampling import displace_source, pixel_quadrature
+from virtual_phantom.physics.scenes.sampling import (
+    FEW_POINTS,
+    FEW_POINTS_PX,
+    MIN_POINTS,
+    displace_source,
+    pixel_quadrature,
+    points,
+)
 from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
 from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.physics.state import State, with_afterglow, with_crosstalk
@@ -279,6 +286,24 @@ def test_points_of_the_spot_have_the_moments_of_its_rectangle(sides):
     for one, other in itertools.product(moments, moments):
         right = moments[one] * sides[0] ** one * moments[other] * sides[1] ** other
         assert (weight * u**one * v**other).sum() == pytest.approx(right, abs=1e-12 * max(sides) ** (one + other))
+
+
+def test_few_points_of_a_small_spot_have_its_mtf():
+    """Up to the Nyquist frequency of the pixels, against the closed form of a uniform source."""
+    places, weights = np.array(points(1.0, FEW_POINTS_PX, FEW_POINTS)).T
+    cycles_per_px = np.linspace(0, 0.5, 11)
+    found = np.cos(2 * np.pi * FEW_POINTS_PX * np.outer(cycles_per_px, places)) @ weights
+    np.testing.assert_allclose(found, np.sinc(FEW_POINTS_PX * cycles_per_px), atol=0.0014)
+    assert len(places) == FEW_POINTS
+    assert len(points(1.0, 1.01 * FEW_POINTS_PX, FEW_POINTS)) == len(points(1.0, FEW_POINTS_PX)) == MIN_POINTS
+
+
+def test_poses_of_a_disc_that_look_the_same_share_a_result():
+    chain = Chain(DiscScene(100.0, "water"), GEOMETRY)
+    first, turned, moved = (
+        chain.transmission(GEOMETRY, pose) for pose in (Pose(), Pose(z_mm=3.0, turn_deg=5.0), Pose(x_mm=3.0))
+    )
+    assert turned is first and moved is not first
 
 
 @pytest.mark.parametrize("angle", [10.0, -10.0])

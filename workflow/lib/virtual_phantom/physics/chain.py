@@ -40,7 +40,7 @@ from .scenes.inclusion import inclusion_transmission
 from .scenes.posed import LinearizedScene, PosedScan, PosedScene
 from .scenes.sampling import MIN_POINTS, average_rays, later_geometry, sources, supersampled
 from .scenes.scene import IN_PLACE, Pose, VoxelScene, scan_key
-from .scenes.shapes import ShapesScene
+from .scenes.shapes import DiscScene, ShapesScene
 from .state import AIR, EARLIER_VIEWS, PHOTONS, Inclusions, State
 
 # Cached results. A fit varies one parameter at a time, and most parameters leave the results of earlier stages as they
@@ -275,6 +275,8 @@ class Chain:
         -------
         ndarray of float64, shape (1 or 2, views, rows, columns)
         """
+        if isinstance(self.scene, DiscScene) and not added:  # poses that look the same share a result
+            pose = self.scene.seen_pose(pose)
         scan = scan_key(geometry, pose, motion_mm)
         key = scan, None if beam is None else beam.key, *((shape.key, excess) for shape, excess in added)
         return self._transmissions.get(key, lambda: self._transmission(geometry, pose, motion_mm, beam, added))
@@ -313,6 +315,9 @@ class Chain:
 
         `rays` are the (rows, columns) of rays per pixel, or the rays of pixels that see an edge.
         """
+        if beam is None and paths.dtype == np.float32:  # their rounding is as large as that of the signal
+            table, shares = self.scene.attenuation_per_mm[:, None], np.ones((1, 1))
+            return polychromatic_signal(paths, table, shares, self.scene.threads)
         if beam is None:
             logarithm = np.tensordot(-self.scene.attenuation_per_mm, paths.astype(np.float64), 1)
             return np.exp(logarithm, out=logarithm)[None]

@@ -317,6 +317,10 @@ class DiscScene(ShapesScene):
         """Radius, mm."""
         return self._radius_mm
 
+    def seen_pose(self, pose: Pose) -> Pose:
+        """Return the part of a pose that changes path lengths: rotations and displacements along z have no effect."""
+        return replace(pose, z_mm=0.0, turn_deg=0.0)
+
 
 def _quadric(matrix: np.ndarray, centre_mm: Sequence[float], constant: float) -> np.ndarray:
     """Return the (4, 4) matrix of (x - c) . matrix (x - c) + constant in homogeneous coordinates (x, y, z, 1)."""
