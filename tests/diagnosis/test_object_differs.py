@@ -236,7 +236,8 @@ def test_added_shape_moves_with_the_object_and_is_seen_by_all_rays():
     assert np.abs(chain.state(physics, pose).line_integrals() - there).max() > 0.01
 
 
-def test_discretization_errors_belong_to_the_corrected_object():
+def test_discretization_errors_belong_to_the_corrected_object(monkeypatch):
+    monkeypatch.setattr(ShapesScene, "edge_scans", lambda *_: ())  # otherwise these errors are too small to compare
     model = ready((), {}).fitter.model
     fat, tissue = (float(attenuation_per_mm(one, [60.0])[0]) for one in ("adipose", "soft_tissue"))
     piece = Piece((-35.0, -20.0, -3.0), 15.0, False)

@@ -2,8 +2,8 @@
 
 Path lengths grow as a square root at the outline of a curved shape, which few rays per pixel integrate badly. Such
 pixels are divided at the kinks of the path length. The rays of each part are dense at both ends, so that the
-integrand is smooth in their numbering. With two rays per direction elsewhere, the chi-square of the error of a body
-with five inserts and 4 x 10^5 photons falls from 210,000 to 0.2 (tests/physics/test_edges.py).
+integrand is smooth in their numbering. In the benchmark `shapes`, the chi-square of the error with 4 x 10^5 photons is
+110,000 with 2 x 2 rays, 919 with 16 x 16 rays, and 0.09 with 2 x 2 rays and divided pixels.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ...projectors.chords import Shapes
 from ...projectors.kinks import MOST_KINKS, add_vectors, kinks_in_pixels, most_functions, pixels_with_kinks
 from .sampling import MAX_RAYS, pixel_quadrature
 
-# Rays along each part of a pixel. For the body above, 3, 4 and 5 leave a chi-square of 490, 2.4 and 0.2.
+# Rays along each part of a pixel. For a similar body, 3, 4, 5 and 6 leave a chi-square of 490, 2.3, 0.05 and 0.05.
 NODES = 5
 SEGMENT = 8  # pixels of a line along which kinks are searched together
 
