@@ -278,7 +278,7 @@ class ShapesScene(Scene):
             chords(self._shapes, *part, Workspace.of(self._shapes))
 
         run_in_threads(run, len(sources), self.threads)
-        return lengths.reshape(-1, *geometry.shape)
+        return lengths.reshape(len(lengths), *geometry.shape)
 
     def edge_scans(
         self, geometry: ScanGeometry, samples: int, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None

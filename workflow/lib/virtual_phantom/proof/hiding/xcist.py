@@ -32,7 +32,7 @@ from ...base.vectors import FLAT
 from .materials import MATERIALS, NUMBERS, Attenuation, Material
 from .orbits import Orbit
 
-CELLS_DIVIDED = 4  # subdivision of a detector cell per direction; transmissions are averaged
+CELLS_DIVIDED = (8, 2)  # columns and rows of parts of a detector cell; their transmissions are averaged
 HOOKS = "virtual_phantom.proof.hiding.hooks."
 ENERGY_BINS = 20
 TARGET_ANGLE_DEG = 7.0  # anode angle of XCIST's tabulated spectra

@@ -19,8 +19,8 @@ def flux(cfg):
         mu = np.atleast_1d(GetMu("W", np.atleast_1d(cfg.spec.Evec))) / 10
         cfg.detFlux = np.single(cfg.detFlux * heel(np.ravel(cfg.det.alphas), depth, cfg.scanner.targetAngle, mu))
     if hooks.beside_mm:
-        open_ = (cfg.src.weights[0][:, None] * seen(cfg, hooks.cells_divided)).sum(axis=0)
-        open_ = open_.reshape(-1, hooks.cells_divided).mean(axis=1)
+        open_ = (cfg.src.weights[0][:, None] * seen(cfg, hooks.cells_divided[0])).sum(axis=0)
+        open_ = open_.reshape(-1, hooks.cells_divided[0]).mean(axis=1)
         hooks.open = np.repeat(open_, cfg.scanner.detectorRowCount)[:, None]  # cells: column by column
         cfg.detFlux = np.single(cfg.detFlux * hooks.open)
     if cfg.sim.isPhantomScan and any(hooks.modulation):

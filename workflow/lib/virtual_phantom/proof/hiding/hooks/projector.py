@@ -17,9 +17,9 @@ from .source import seen
 
 def projector(cfg, view, subview):
     """Multiply `cfg.thisSubView`, shape (cells, energies), by the mean transmission over each cell."""
-    divided = cfg.hooks.cells_divided
+    by_column, by_row = cfg.hooks.cells_divided
     if view == cfg.sim.startViewId and subview == 0:
-        cfg.hooks.fine = _divided(cfg, divided)
+        cfg.hooks.fine = _divided(cfg, by_column, by_row)
         set_detector_voxelized(cfg.hooks.fine)  # XCIST's C library projects onto these cells from here on
     fine, scanner = cfg.hooks.fine, cfg.scanner
     finer = copy.copy(cfg)
@@ -28,15 +28,15 @@ def projector(cfg, view, subview):
     finer.thisSubView = np.ones((fine.det.totalNumCells, cfg.spec.nEbin), np.float32)
     if cfg.hooks.beside_mm:  # off-focal points, which not every cell sees: weights per cell
         finer.srcNew = copy.copy(cfg.srcNew)
-        cells = np.repeat(seen(cfg, divided), scanner.detectorRowCount * divided, axis=1)
+        cells = np.repeat(seen(cfg, by_column), scanner.detectorRowCount * by_row, axis=1)
         finer.srcNew.weights = (cfg.src.weights[0][:, None] * cells)[None, :, :, None]
     transmission = C_Projector_Voxelized(finer, view, subview).thisSubView
     settings = vars(cfg.hooks)
     if shift := settings.get("tile_px", 0.0):
-        columns = transmission.reshape(scanner.detectorColCount * divided, -1)
-        moved = displaced_tile(columns, settings["tile_from"], settings["tile_to"], shift * divided)
+        columns = transmission.reshape(scanner.detectorColCount * by_column, -1)
+        moved = displaced_tile(columns, settings["tile_from"], settings["tile_to"], shift * by_column)
         transmission = moved.reshape(transmission.shape)
-    shape = scanner.detectorColCount, divided, scanner.detectorRowCount, divided, cfg.spec.nEbin
+    shape = scanner.detectorColCount, by_column, scanner.detectorRowCount, by_row, cfg.spec.nEbin
     mean = transmission.reshape(shape).mean(axis=(1, 3)).reshape(-1, cfg.spec.nEbin)
     if cfg.hooks.beside_mm:  # already part of the flux
         mean = mean / cfg.hooks.open
@@ -44,15 +44,15 @@ def projector(cfg, view, subview):
     return cfg
 
 
-def _divided(cfg, divided):
-    """Return a configuration whose detector has the same size and `divided` times as many cells per direction."""
+def _divided(cfg, by_column, by_row):
+    """Return a configuration whose detector has the same size and so many times as many columns and rows."""
     finer = copy.copy(cfg)
     finer.scanner = scanner = copy.copy(cfg.scanner)
     finer.det = None
     modules = cfg.scanner.detectorColCount // cfg.scanner.detectorColsPerMod
-    scanner.detectorColCount = cfg.scanner.detectorColCount * divided
+    scanner.detectorColCount = cfg.scanner.detectorColCount * by_column
     scanner.detectorColsPerMod = scanner.detectorColCount // modules
-    scanner.detectorRowsPerMod = scanner.detectorRowCount = cfg.scanner.detectorRowCount * divided
-    scanner.detectorColSize = cfg.scanner.detectorColSize / divided
-    scanner.detectorRowSize = cfg.scanner.detectorRowSize / divided
+    scanner.detectorRowsPerMod = scanner.detectorRowCount = cfg.scanner.detectorRowCount * by_row
+    scanner.detectorColSize = cfg.scanner.detectorColSize / by_column
+    scanner.detectorRowSize = cfg.scanner.detectorRowSize / by_row
     return Detector_ThirdgenCurved(finer)
