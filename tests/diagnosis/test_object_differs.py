@@ -53,9 +53,9 @@ def shapes_scene(*more):
 
 def ready(scanned, physics=None, stated=(FAT,), seed=1):
     """Scan of these shapes, prepared with the stated object."""
-    state = Chain(shapes_scene(*scanned), GEOMETRY, PHOTONS, samples=12).state(checked(physics or {}))
+    state = Chain(shapes_scene(*scanned), GEOMETRY, PHOTONS, samples=3).state(checked(physics or {}))
     taken = scans_of(state, 4, np.random.default_rng(seed))
-    model, floor = model_and_floor(shapes_scene(*stated), GEOMETRY, 4, photons=PHOTONS)
+    model, floor = model_and_floor(shapes_scene(*stated), GEOMETRY, 2, photons=PHOTONS)
     return prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
 
 

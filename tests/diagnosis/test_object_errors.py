@@ -63,9 +63,9 @@ def shapes_scene(teflon=TEFLON):
 def ready(uncertainty, denser=1.0, physics=None, seed=1):
     """Scan whose PTFE is denser than stated, prepared with this uncertainty (None: exact)."""
     scanned = shapes_scene(Mixture("teflon", denser * TEFLON.density_g_per_cm3, "C2F4"))
-    state = Chain(scanned, GEOMETRY, PHOTONS, samples=8).state(physics or {})
+    state = Chain(scanned, GEOMETRY, PHOTONS, samples=3).state(physics or {})
     taken = scans_of(state, 4, np.random.default_rng(seed))
-    model, floor = model_and_floor(shapes_scene(), GEOMETRY, 4, photons=PHOTONS)
+    model, floor = model_and_floor(shapes_scene(), GEOMETRY, 2, photons=PHOTONS)
     uncertain = None if uncertainty is None else StatedObject(shapes_scene(), uncertainty, MU_WATER)
     options = {"floor_chain": floor, "nominal_photons": PHOTONS, "uncertain": uncertain}
     return prepared.prepare(taken, None, model, **options)
@@ -187,7 +187,7 @@ def test_a_disc_has_an_uncertain_radius_and_without_an_energy_an_uncertain_atten
     # Narrow columns: the scale multiplies line integrals of pixels, also those that the disc covers in part.
     fan = replace(disc_bench(view_interval_ms=10.0), columns=96, column_pitch_mm=4.0)
     true, told = DiscScene(160.4, "pmma", energy_kev=50.0), DiscScene(160.0, "pmma")
-    taken = scans_of(Chain(true, fan, PHOTONS, samples=8).state({}), 4, np.random.default_rng(1))
+    taken = scans_of(Chain(true, fan, PHOTONS, samples=3).state({}), 4, np.random.default_rng(1))
     request = DiagnosisRequest("scan", RecordingSettings(None, None, {}, disc=Disc(160.0, "pmma")), MU_WATER, None)
     model, floor = model_and_floor(told, fan, 2, photons=PHOTONS)
     contents = {}
@@ -261,7 +261,7 @@ def test_sharp_edges_in_voxels_are_a_match(tmp_path, voxel_mm):
     labelled = read_label_map(labels, {str(label): material for label, material in MATERIALS.items()})
     scene = labelled_scene(labelled, ENERGY_KEV)
     true = ShapesScene([cylinder(*one) for one in CYLINDERS], ENERGY_KEV)
-    state = Chain(true, FAN, PHOTONS, samples=10).state({})
+    state = Chain(true, FAN, PHOTONS, samples=3).state({})
     taken = scans_of(state, 4, np.random.default_rng(1))
     verdicts = []
     for uncertain in (StatedObject(scene, ObjectUncertainty(), MU_WATER), None):
@@ -278,7 +278,7 @@ def test_large_errors_of_surfaces_are_exact_where_they_are_linearized():
     stated = {"surface_of_water": -0.4, "surface_of_teflon": 0.3, "density_of_teflon": 0.02}
     denser = Mixture("teflon", 1.02 * TEFLON.density_g_per_cm3, "C2F4")
     scanned = ShapesScene([cylinder("water", (0, 0, 0), 89.6), cylinder(denser, (50, 0, 0), 20.3)])
-    lines = [Chain(scene, GEOMETRY, samples=16).state({}).line_integrals() for scene in (shapes_scene(), scanned)]
+    lines = [Chain(scene, GEOMETRY, samples=4).state({}).line_integrals() for scene in (shapes_scene(), scanned)]
     left = []
     for about in (None, stated):
         uncertain = StatedObject(shapes_scene(), ObjectUncertainty(), MU_WATER)

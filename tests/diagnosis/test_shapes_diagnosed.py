@@ -35,7 +35,7 @@ SECTION = {"samples": 1, "view_step": 1, "alignment": {}, "object": {"kind": "ac
 ASKED = DiagnosisRequest("nowhere", from_mapping(RecordingSettings, SECTION), 0.0193, Segmentation())
 
 
-FINELY = 12  # rays per pixel and direction of the scan: three quarters of those for the model's errors
+FINELY = 3  # rays per pixel and direction of the scan
 
 
 def recorded(folder, physics, photons=2e5, geometry=GEOMETRY):

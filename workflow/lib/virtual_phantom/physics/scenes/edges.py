@@ -8,7 +8,7 @@ integrand is smooth in their numbering. In the benchmark `shapes`, the chi-squar
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,27 +38,26 @@ class EdgeScan:
         View, row and column.
     weights : ndarray, shape (lines, NODES)
         Weights of the rays; those of a pixel have the sum 1.
+    key : hashable
+        As ScanGeometry.key.
     """
 
     source_mm: np.ndarray
     to_mm: np.ndarray
     pixels: tuple[np.ndarray, np.ndarray, np.ndarray]
     weights: np.ndarray
+    key: Hashable = None
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """Shape of the projections: lines, one row, rays."""
         return len(self.weights), 1, NODES
 
-    @property
-    def key(self) -> tuple:
-        """As ScanGeometry.key."""
-        return type(self).__name__, self.source_mm.tobytes(), self.to_mm.tobytes()
-
     def turned(self, angle_rad: float) -> EdgeScan:
         """As ScanGeometry.turned."""
         turn = turned_axes(np.rad2deg(angle_rad))
-        return replace(self, source_mm=self.source_mm @ turn, to_mm=self.to_mm @ turn)
+        turned = self.to_mm.reshape(-1, 3) @ turn  # one product of matrices, and not one for each line
+        return replace(self, source_mm=self.source_mm @ turn, to_mm=turned.reshape(self.to_mm.shape))
 
     def bundles(self) -> tuple[np.ndarray, np.ndarray]:
         """As ScanGeometry.bundles."""
@@ -92,12 +91,12 @@ def edge_scans(
     if motion_mm is not None:
         moved = {name: getattr(geometry, name) - motion_mm for name in ("source_mm", "detector_mm")}
         geometry = replace(geometry.by_vectors(), **moved)
+    key = geometry.key, samples, pose, *(array.tobytes() for array in shapes)
     at_once = max(1, MAX_RAYS // (2 * NODES * samples * geometry.rows * geometry.columns))
     for first in range(0, geometry.views, at_once):
         views = np.arange(first, min(first + at_once, geometry.views))
-        divided = _Divided(shapes, geometry.at(views), samples, pose)
-        scan = divided.scan()
-        yield replace(scan, pixels=(scan.pixels[0] + first, *scan.pixels[1:]))
+        scan = _Divided(shapes, geometry.at(views), samples, pose).scan()
+        yield replace(scan, pixels=(scan.pixels[0] + first, *scan.pixels[1:]), key=(*key, first))
 
 
 class _Divided:
