@@ -13,6 +13,7 @@ import pandas as pd
 import phantom_files
 import pytest
 import recording_folders
+import warm
 import yaml
 
 from virtual_phantom.base.errors import InputError, InputErrors
@@ -434,7 +435,7 @@ def test_mistake_gives_its_message(title, desk):
 
 
 def test_snakemake_reads_a_target_after_the_configuration_as_a_file():
-    command = [sys.executable, "-m", "snakemake", "-n", "--configfile", "config/tiny.yaml", "figure_rois"]
+    command = [warm.python(), "-m", "snakemake", "-n", "--configfile", "config/tiny.yaml", "figure_rois"]
     process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert process.returncode != 0
     assert MESSAGES["A target after the configuration"] in process.stdout + process.stderr

@@ -3,7 +3,6 @@
 import copy
 import re
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pandas as pd
 import phantom_files
 import pytest
 import recording_folders
+import warm
 import yaml
 from snakemake.utils import update_config
 
@@ -507,7 +507,7 @@ def test_mistakes_stop_snakemake_before_any_job(desk):
     """The same list, and no output."""
     Path("my.yaml").write_text(yaml.safe_dump(CASES["files that are not there"][0]))
     arguments = ["-s", ROOT / "workflow" / "Snakefile", "--cores", "1", "--nolock", "--configfile", "my.yaml"]
-    run = subprocess.run([sys.executable, "-m", "snakemake", *map(str, arguments)], capture_output=True, text=True)
+    run = subprocess.run([warm.python(), "-m", "snakemake", *map(str, arguments)], capture_output=True, text=True)
     assert run.returncode == 1 and "Error: 3 mistakes" in run.stderr, run.stderr[-2000:]
     for line in CASES["files that are not there"][1]:
         assert line in run.stderr

@@ -4,13 +4,13 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import phantom_files
 import pytest
+import warm
 import yaml
 from PIL import Image
 
@@ -298,7 +298,7 @@ def test_regions_of_one_tissue_are_of_one_class(name, expected):
 def test_snakemake_accepts_the_written_file(desk):
     """From the command to the phantom and its figure, and a plan of all other jobs."""
     initialised("dicom", "--labels", "seg.dcm", "--size", "quick")
-    run = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "workflow" / "Snakefile"), "--cores", "2", "--nolock"]
+    run = [warm.python(), "-m", "snakemake", "-s", str(ROOT / "workflow" / "Snakefile"), "--cores", "2", "--nolock"]
     made = subprocess.run([*run, "figure_rois", "--configfile", "my.yaml"], capture_output=True, text=True, timeout=600)
     assert made.returncode == 0, made.stderr[-3000:]
     assert Path("results-my/figures/rois.png").exists()

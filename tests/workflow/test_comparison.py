@@ -49,6 +49,10 @@ OVERLAY = {
 }
 
 
+FIGURES = ("comparison_same", "comparison_other", "overlap_own", "pca_sirt")
+TABLES = ("comparison_same_families", "comparison_other_families", "matched_noise")
+
+
 @pytest.fixture(scope="module")
 def compared(study, tmp_path_factory):
     """The tiny study with its own features at noise level "double" as a recording of two conditions."""
@@ -67,7 +71,9 @@ def compared(study, tmp_path_factory):
     (recording / "recording.yaml").write_text(yaml.safe_dump(content))
     results = folder / "results"
     shutil.copytree(study, results)
-    process = tiny(results, overlay={"recordings": {"own": str(recording)}, **OVERLAY})
+    made = (*(f"figures/{name}.png" for name in FIGURES), *(f"tables/{name}.csv" for name in TABLES))
+    overlay = {"recordings": {"own": str(recording)}, **OVERLAY}
+    process = tiny(results, *(results / name for name in made), overlay=overlay)
     assert process.returncode == 0, process.stderr[-4000:]
     return results
 
@@ -119,7 +125,7 @@ def test_features_are_diagnosed(compared):
 
 
 def test_figures_and_tables_of_recordings_exist(compared):
-    for name in ("comparison_same", "comparison_other", "overlap_own", "pca_sirt"):
+    for name in FIGURES:
         assert (compared / "figures" / f"{name}.png").stat().st_size > 10_000
     points = pd.read_csv(compared / "tables" / "pca_sirt.csv")
     # One marker per condition and ROI.

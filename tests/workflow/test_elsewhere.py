@@ -61,7 +61,7 @@ def test_run_by_directory_continues_as_a_module(folder, tmp_path, first, second)
 
     (folder / "Snakefile").write_text(MODULE.format(names="", snakefile=second))
     assert "Nothing to be done" in snakemake(folder, TABLE).stderr
-    other = TABLE.replace("fbp", "sirt")
+    other = TABLE.replace("150", "300")
     process = snakemake(folder, other)
     output = process.stdout + process.stderr
     assert process.returncode == 0 and (folder / other).exists(), output[-3000:]

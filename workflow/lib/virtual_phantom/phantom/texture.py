@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -73,12 +74,16 @@ class Field:
     def __init__(self, component: Component, seed: Stream):
         self.component = component
         self.step_mm = component.correlation_mm / STEPS_PER_LENGTH
-        noise = generator(seed).standard_normal((NODES,) * 3)
+        self._seed = seed
+
+    @cached_property
+    def _nodes(self) -> np.ndarray:
+        noise = generator(self._seed).standard_normal((NODES,) * 3)
         k = 2 * np.pi * fftfreq(NODES) * STEPS_PER_LENGTH
         kx = 2 * np.pi * rfftfreq(NODES) * STEPS_PER_LENGTH
         spectrum = rfftn(noise) * np.exp(-(k[:, None, None] ** 2 + k[:, None] ** 2 + kx**2) / 4)
         values = irfftn(spectrum, s=noise.shape)
-        self._nodes = values / values.std()
+        return values / values.std()
 
     def sample(self, z: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return the values in HU, float32 [z, y, x], at positions along three axes, mm."""
@@ -102,9 +107,15 @@ class Texture:
         self.components = components
         self._fields = [Field(c, named(seed, name, i)) for i, c in enumerate(components)]
         self._mean, self._gain = 0.0, 1.0
+        self._conditions: list = []  # shapes, until the first sample: checks of a layout need none
 
     def sample(self, z: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return the HU to add to the mean of the tissue, float32 [z, y, x], at positions along three axes, mm."""
+        while self._conditions:
+            self._condition(self._conditions.pop(0))
+        return self._sample(z, y, x)
+
+    def _sample(self, z, y, x) -> np.ndarray:
         total = np.zeros((len(z), len(y), len(x)), np.float32)
         for field in self._fields:
             total += field.sample(z, y, x)
@@ -116,11 +127,13 @@ class Texture:
         Without this, mean and SD of a region of a few correlation lengths would vary with the seed. Both are computed
         at steps of half the shortest correlation length, independent of the grid.
         """
-        if not self._fields:
-            return
+        if self._fields:
+            self._conditions.append(shape)
+
+    def _condition(self, shape) -> None:
         step = min(f.step_mm for f in self._fields)
         low, high = shape.bounds_mm()
         z, y, x = (np.arange(low[i], high[i] + step, step) for i in (2, 1, 0))
-        inside = self.sample(z, y, x)[shape.level(*np.ix_(z, y, x)) < 0].astype(np.float64)
+        inside = self._sample(z, y, x)[shape.level(*np.ix_(z, y, x)) < 0].astype(np.float64)
         target = math.sqrt(sum(c.sd_hu**2 for c in self.components))
         self._mean, self._gain = float(inside.mean()), target / float(inside.std())
