@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from virtual_phantom.base.geometry import circular
+from virtual_phantom.base.geometry import circular, parallel_beam
 from virtual_phantom.base.mounting import Mounting
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
+from virtual_phantom.physics.scenes import edges
 from virtual_phantom.physics.scenes.scene import Pose
 from virtual_phantom.physics.scenes.shapes import NOTHING, ShapesScene, box, cone, cylinder, ellipsoid
 
@@ -40,6 +41,8 @@ GEOMETRIES = {
     "flat": GEOMETRY,
     "arc": replace(GEOMETRY, surface="cylindrical", arc_radius_mm=1100.0),
     "fan": replace(GEOMETRY, rows=1),
+    "parallel": replace(GEOMETRY, **parallel_beam(), column_pitch_mm=3.3, row_pitch_mm=2.2),
+    "flying spots": replace(GEOMETRY, source_z_mm=[-2.0, 2.0], spots_mm=[(-0.6, 0.2, 0.5), (0.6, 0.0, -0.5)]),
     "rolled": Mounting(roll_deg=4.0, tilt_deg=3.0).of(GEOMETRY),
 }
 
@@ -74,6 +77,18 @@ def test_divided_pixels_have_the_mean_of_many_rays(shapes, geometry, monkeypatch
 def test_effects_act_on_divided_pixels(physics, monkeypatch):
     plain, expected = (plain_lines(monkeypatch, CURVED, GEOMETRY, samples, physics) for samples in (2, 24))
     assert np.std(lines(CURVED, GEOMETRY, 2, physics) - expected) < np.std(plain - expected) / 20
+
+
+def test_views_in_parts_have_the_same_means(monkeypatch):
+    physics = {"motion": {"x_mm_per_s": 40.0}}
+    whole = lines(CURVED, GEOMETRY, 2, physics)
+    monkeypatch.setattr(edges, "MAX_RAYS", 1)
+    np.testing.assert_allclose(lines(CURVED, GEOMETRY, 2, physics), whole, rtol=1e-12, atol=1e-12)
+
+
+def test_a_single_ray_per_pixel_goes_to_its_center(monkeypatch):
+    expected = plain_lines(monkeypatch, CURVED, GEOMETRY, 1)
+    np.testing.assert_array_equal(lines(CURVED, GEOMETRY, 1), expected)
 
 
 def test_objects_out_of_the_beam_do_not_attenuate():

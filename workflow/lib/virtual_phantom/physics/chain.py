@@ -11,7 +11,7 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -291,7 +291,7 @@ class Chain:
             if added:
                 signal = signal * inclusion_transmission(added, rays, pose, motion_mm)
             total = total + average_rays(signal, weights)
-        if self.samples > 1 and isinstance(self.scene, ShapesScene):
+        if isinstance(self.scene, ShapesScene):
             for edges, paths in self._edges(geometry, pose, motion_mm, added):
                 signal = self._ray_signal(paths, beam, edges)
                 if added:
@@ -299,16 +299,15 @@ class Chain:
                 edges.replace_in(total, signal)
         return total
 
-    def _edges(self, geometry, pose: Pose, motion_mm, added: Inclusions) -> list[tuple[EdgeScan, np.ndarray]]:
+    def _edges(self, geometry, pose: Pose, motion_mm, added: Inclusions) -> Iterable[tuple[EdgeScan, np.ndarray]]:
         """Return the rays of pixels that see an edge of the scene or of an added shape, with their path lengths."""
-
-        def trace() -> list[tuple[EdgeScan, np.ndarray]]:
-            whole = ShapesScene([*self.scene.shapes, *(shape.shape for shape, _ in added)]) if added else self.scene
-            scans = whole.edge_scans(geometry, self.samples, pose, motion_mm)
-            return [(edges, self.scene.path_lengths(edges, pose)) for edges in scans]
-
+        whole = ShapesScene([*self.scene.shapes, *(shape.shape for shape, _ in added)]) if added else self.scene
+        scans = whole.edge_scans(geometry, self.samples, pose, motion_mm)
+        traced = ((edges, self.scene.path_lengths(edges, pose)) for edges in scans)
+        if len(supersampled(geometry, self.samples)) > 1:  # too large to be cached
+            return traced
         key = "edges", scan_key(geometry, pose, motion_mm), *(shape.key for shape, _ in added)
-        return self._paths.get(key, trace)
+        return self._paths.get(key, lambda: list(traced))
 
     def _ray_signal(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int] | EdgeScan) -> np.ndarray:
         """Return the signal of every ray by the Beer-Lambert law.

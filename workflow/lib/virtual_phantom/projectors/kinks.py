@@ -15,6 +15,7 @@ from ..base.compiled import compiled
 from .chords import EXACT
 from .lanes import OPTIONS
 
+LAST_BIT = 62  # of an int64 with one bit per shape
 MOST_KINKS = 8  # within a pixel along a line; further ones are ignored
 
 
@@ -94,7 +95,7 @@ def _insert_roots(first, middle, last, found, count):
 
 
 @compiled(**EXACT)
-def kinks_in_pixels(shapes, sources, ways, found, counts, point, values):
+def kinks_in_pixels(shapes, sources, ways, seen, found, counts, point, values):
     """Find the kinks on a line through each of some pixels.
 
     Parameters
@@ -104,6 +105,8 @@ def kinks_in_pixels(shapes, sources, ways, found, counts, point, values):
         Start of the rays, mm.
     ways : ndarray, shape (lines, 3, 3)
         Vectors (x, y, z) from the source to the start, middle and end of the line, mm.
+    seen : ndarray of int, shape (lines,)
+        Shapes that may have kinks there, as bits (see `pixels_with_kinks`).
     found : ndarray, shape (lines, MOST_KINKS)
         Output: places of the kinks along the line, from 0 to 1, ascending.
     counts : ndarray of int, shape (lines,)
@@ -114,6 +117,8 @@ def kinks_in_pixels(shapes, sources, ways, found, counts, point, values):
     for line in range(len(sources)):
         count = 0
         for i in range(len(shapes.material)):
+            if not seen[line] >> min(i, LAST_BIT) & 1:
+                continue
             functions = 0
             for place in range(3):
                 functions = _functions(shapes, i, sources[line], ways[line, place], point, values[place])
@@ -139,15 +144,15 @@ def pixels_with_kinks(shapes, sources, ways, offsets, step, there, way, point, f
         Vectors by which the lines are displaced, mm.
     step : int
         Pixels per segment.
-    there : ndarray of bool, shape (views, lines, step * segments)
-        Output.
+    there : ndarray of int, shape (views, lines, step * segments)
+        Output: the shapes that have a kink, as bits. Shapes from LAST_BIT on share a bit.
     way, point, found, values : ndarray, shape (3,), (3,), (MOST_KINKS,) and (2 segments + 1, functions)
         Work arrays.
     """
     segments = ways.shape[1] // 2
     for view in range(len(sources)):
         for line in range(offsets.shape[1]):
-            there[view, line] = False
+            there[view, line] = 0
             for i in range(len(shapes.material)):
                 functions = 0
                 for place in range(2 * segments + 1):
@@ -158,7 +163,7 @@ def pixels_with_kinks(shapes, sources, ways, offsets, step, there, way, point, f
                     start, middle, end = values[2 * segment], values[2 * segment + 1], values[2 * segment + 2]
                     for one in range(functions):
                         for kink in range(_insert_roots(start[one], middle[one], end[one], found, 0)):
-                            there[view, line, step * segment + int(step * found[kink])] = True
+                            there[view, line, step * segment + int(step * found[kink])] |= 1 << min(i, LAST_BIT)
 
 
 @compiled(**OPTIONS)

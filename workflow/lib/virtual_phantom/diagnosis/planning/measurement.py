@@ -92,7 +92,8 @@ class FurtherScan:
         photons = like.photons * self.photons
         # With a single ray per pixel, the change by a displacement depends on single rays that graze an edge.
         samples = like.samples if hasattr(self.scene, "slopes") else max(like.samples, SAMPLES)
-        return Chain(self.scene, self.geometry, photons, samples, like.illumination, like.sensor, readout)
+        detector = like.illumination, like.sensor, readout, like.fewest_points
+        return Chain(self.scene, self.geometry, photons, samples, *detector)
 
     def information(
         self,

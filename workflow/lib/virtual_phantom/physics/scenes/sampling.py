@@ -120,24 +120,20 @@ class SupersampledScan:
         return ScanGeometry.bundles(self)
 
 
-def supersampled(
-    geometry: ScanGeometry, samples: int, of_columns: int | None = None
-) -> list[tuple[ScanGeometry | SupersampledScan, np.ndarray]]:
+def supersampled(geometry: ScanGeometry, samples: int) -> list[tuple[ScanGeometry | SupersampledScan, np.ndarray]]:
     """Return scans with the rays of `pixel_quadrature`, each with as many rays as fit into memory.
 
     Parameters
     ----------
     samples : int
         Rays per pixel and direction.
-    of_columns : int, optional
-        Rays along the columns; None: `samples`.
 
     Returns
     -------
     list of tuple
         (scan, weights of its rays, shape (rows, columns) of rays per pixel).
     """
-    quadrature = pixel_quadrature(samples, geometry.rows > 1, of_columns)
+    quadrature = pixel_quadrature(samples, geometry.rows > 1)
     if len(quadrature) == 1:
         return [(geometry, np.ones((1, 1)))]
     columns, rows = (sorted({point[axis] for point, _ in quadrature}) for axis in (0, 1))
