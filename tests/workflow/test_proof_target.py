@@ -17,7 +17,7 @@ QUICK = {
     "seed": 2040,
     "pairs": 0,
     "unknown_kinds": ["wrong_insert"],
-    "scan": {"columns": 72, "views": 24},
+    "scan": {"columns": 80, "views": 24},
     "held_out_protocol": {"views": 24},
 }
 STEPS = ("seals.json", "score.json", "score.html", "figures/confusion.png", "figures/before_after.pdf")
