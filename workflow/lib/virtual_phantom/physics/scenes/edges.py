@@ -4,6 +4,9 @@ Path lengths grow as a square root at the outline of a curved shape, which few r
 pixels are divided at the kinks of the path length. The rays of each part are dense at both ends, so that the
 integrand is smooth in their numbering. In the benchmark `shapes`, the chi-square of the error with 4 x 10^5 photons is
 110,000 with 2 x 2 rays, 919 with 16 x 16 rays, and 0.09 with 2 x 2 rays and divided pixels.
+
+Kinks where the surfaces of two shapes cross are not found, nor are shapes between all rows of rays and the middle of a
+column.
 """
 
 from __future__ import annotations
