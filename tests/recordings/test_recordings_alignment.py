@@ -21,7 +21,6 @@ from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.projectors import projector
 from virtual_phantom.reconstruction import fbp
 from virtual_phantom.recordings.alignment import align_recording, check_same_phantom, transfer_rois
-from virtual_phantom.recordings.levels import MaskedCorrelation
 from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.recordings.registration import Search, describe_alignment, rigid_transform
 from virtual_phantom.simulation.acquire import simulate_counts
@@ -111,19 +110,6 @@ def errors(found, truth, grid=GRID) -> tuple[np.ndarray, float]:
     turn = np.linalg.inv(truth[:3, :3]) @ found[:3, :3]
     angle = math.degrees(math.acos(min(1, (np.trace(turn) - 1) / 2)))
     return ((found - truth) @ [*grid.centre_mm, 1])[:3], angle
-
-
-def test_cross_correlation_equals_that_of_itk():
-    rng = np.random.default_rng(3)
-    image, moving = rng.normal(size=(7, 12, 15)), rng.normal(size=(5, 9, 8))
-    moving[:, 2:7, 1:6] += 2 * image[1:6, 5:10, 4:9]
-    valid, region = (np.uint8(rng.random(one.shape) < 0.8) for one in (image, moving))
-    images = [sitk.GetImageFromArray(one.astype(float)) for one in (image, moving, valid, region)]
-    expected = sitk.GetArrayFromImage(sitk.MaskedFFTNormalizedCorrelation(*images, 50, 0.0))
-    correlate = MaskedCorrelation(image, valid)
-    for _ in range(2):  # the second time with the transforms of the first
-        np.testing.assert_allclose(correlate(moving, region, 50), expected, atol=1e-12)
-    assert 0 < np.count_nonzero(expected) < expected.size and expected.max() > 0.3
 
 
 def test_known_position_is_found(aligned):

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 import SimpleITK as sitk
-from scipy import fft, ndimage
+from scipy import ndimage
 from skimage.measure import marching_cubes
 
 from ..base.geometry import Grid
@@ -74,65 +74,6 @@ class Level:
         if not overlap.any():
             return 0.0
         return correlation(np.clip(self.arrays[0][overlap], *SOFT_HU), np.clip(image[overlap], *SOFT_HU))
-
-
-class MaskedCorrelation:
-    """Masked normalized cross-correlation of one image with others [1]_, with Fourier transforms kept between calls.
-
-    Parameters
-    ----------
-    image, valid : ndarray, shape (z, y, x)
-        The image, and where it counts (not 0).
-
-    References
-    ----------
-    .. [1] D. Padfield, "Masked object registration in the Fourier domain", IEEE Trans. Image Process. 21, 2706, 2012.
-    """
-
-    def __init__(self, image: np.ndarray, valid: np.ndarray):
-        self.moments = _moments(image, valid)
-        self._spectra: dict[tuple[int, ...], np.ndarray] = {}
-
-    def __call__(self, moving: np.ndarray, region: np.ndarray, least: int) -> np.ndarray:
-        """Return the coefficients for all shifts of another image with a region.
-
-        At index 0 of an axis, the first voxel of the image overlaps the last one of the other image.
-
-        Parameters
-        ----------
-        moving, region : ndarray, shape (z, y, x)
-            The other image, and where it counts (not 0).
-        least : int
-            Shifts with fewer common voxels count as 0.
-        """
-        shape = tuple(n + m - 1 for n, m in zip(self.moments.shape[1:], moving.shape, strict=True))
-        padded = tuple(fft.next_fast_len(n, real=True) for n in shape)
-        if padded not in self._spectra:
-            self._spectra[padded] = fft.rfftn(self.moments, padded, axes=(1, 2, 3))
-        fixed = self._spectra[padded]
-        moved = fft.rfftn(_moments(moving, region)[:, ::-1, ::-1, ::-1], padded, axes=(1, 2, 3))
-
-        def sums(power: int, moved_power: int) -> np.ndarray:
-            return fft.irfftn(fixed[power] * moved[moved_power], padded)[tuple(map(slice, shape))]
-
-        common = np.rint(sums(0, 0))
-        kept = common >= max(1, least)
-        count = common[kept]
-        first, other = sums(1, 0)[kept], sums(0, 1)[kept]
-        variances = [sums(2, 0)[kept] - first**2 / count, sums(0, 2)[kept] - other**2 / count]
-        norm = np.sqrt(np.maximum(variances[0], 0) * np.maximum(variances[1], 0))
-        known = norm > 1000 * np.finfo(float).eps * norm.max(initial=0)  # as in ITK; the rest is rounding
-        values = np.divide(sums(1, 1)[kept] - first * other / count, norm, out=np.zeros_like(norm), where=known)
-        scores = np.zeros(shape)
-        scores[kept] = np.clip(values, -1, 1)
-        return scores
-
-
-def _moments(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Return powers 0 to 2 of an image within a mask, and 0 elsewhere."""
-    inside = mask != 0
-    values = np.where(inside, image, 0).astype(np.float64)
-    return np.stack([inside.astype(np.float64), values, values**2])
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> float:

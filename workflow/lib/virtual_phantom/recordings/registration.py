@@ -31,7 +31,6 @@ from ..phantom import HALF_COVERED
 from .levels import (
     LEAST_COVERED,
     Level,
-    MaskedCorrelation,
     clipped,
     coarsen_mask,
     correlation,
@@ -247,12 +246,6 @@ class Search:
         return make_level(self.phantom, self.region, self.image, self.valid, self.coarse)
 
     @cached_property
-    def coarsest_correlation(self) -> MaskedCorrelation:
-        """Cross-correlation with the recording at the coarsest resolution."""
-        images = self.coarsest.recording, self.coarsest.valid
-        return MaskedCorrelation(*map(sitk.GetArrayViewFromImage, images))
-
-    @cached_property
     def middle(self) -> Level:
         """Images at half the coarsest voxel size."""
         return make_level(self.phantom, self.region, self.image, self.valid, self.coarse / 2)
@@ -339,12 +332,14 @@ class Search:
         grid = (origin.tolist(), spacing.tolist(), (1, 0, 0, 0, 1, 0, 0, 0, 1))
         rotated = sitk.Resample(level.phantom, *arguments, sitk.sitkLinear, *grid, HU_AIR, sitk.sitkFloat32)
         region = sitk.Resample(level.region, *arguments, sitk.sitkNearestNeighbor, *grid, 0, sitk.sitkUInt8)
-        array, mask = sitk.GetArrayViewFromImage(rotated), sitk.GetArrayViewFromImage(region)
-        box = (ndimage.find_objects(mask) or [tuple(map(slice, mask.shape))])[0]
-        scores = self.coarsest_correlation(array[box], mask[box], math.ceil(LEAST_COVERED * mask.sum()))
+        # ITK accepts only images with the same origin, so positions are removed.
+        arrays = [sitk.GetArrayViewFromImage(image) for image in (level.recording, rotated, level.valid, region)]
+        images = [sitk.GetImageFromArray(array.astype(np.float64)) for array in arrays]
+        overlap = math.ceil(LEAST_COVERED * arrays[-1].sum())
+        scores = sitk.GetArrayFromImage(sitk.MaskedFFTNormalizedCorrelation(*images, overlap, 0.0))
         best = np.unravel_index(np.argmax(scores), scores.shape)
-        # Index 0 of an axis is the shift at which the last voxel of the box overlaps the first one of the recording.
-        offset = np.array(best)[::-1] - [part.stop - 1 for part in box[::-1]]
+        # Index 0 of an axis is the shift at which the rotated phantom overlaps the recording by one voxel.
+        offset = np.array(best)[::-1] - (shape - 1)
         return float(scores[best]), np.array(level.recording.GetOrigin()) + offset * spacing - origin
 
     def measure(self, transform) -> Alignment:
