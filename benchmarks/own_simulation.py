@@ -26,10 +26,11 @@ from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.generate import write
 from virtual_phantom.proof.hiding.voxels import BEYOND_MM, REACH
-from virtual_phantom.proof.hiding.xcist import CELLS_DIVIDED, energy_of_water
+from virtual_phantom.proof.hiding.xcist import energy_of_water
 from virtual_phantom.proof.scoring.verdicts import named_groups
 
 COLUMNS, ROWS, VIEWS, PHOTONS, REPEATS, ROTATION_MS, RAYS = 64, 4, 96, 1e5, 4, 1000, 32
+FINE = 4  # columns of the simulation in a pixel
 MU_WATER = defaults_of()["mu_water_per_mm"]
 SLICES = 12
 HIDDEN = (
@@ -112,7 +113,7 @@ def line_integrals(slice_per_mm, grid, scan):
     up = (np.arange(scan.rows) - (scan.rows - 1) / 2) * scan.row_pitch_mm
     in_plane = np.hypot(across, scan.source_to_detector_mm)
     lines = lines[:, None] * np.hypot(in_plane, up[:, None]) / in_plane  # rays out of the plane are longer
-    return lines.reshape(*lines.shape[:2], -1, CELLS_DIVIDED, RAYS // CELLS_DIVIDED).mean(axis=4)
+    return lines.reshape(*lines.shape[:2], -1, FINE, RAYS // FINE).mean(axis=4)
 
 
 def recorded(folder, name, fine, hidden, seed):

@@ -4,6 +4,7 @@ An engine has functions that project or back-project the whole scan once, and th
 views, by which the times are divided.
 """
 
+import math
 import os
 import time
 from collections.abc import Callable
@@ -188,7 +189,7 @@ def xcist_ns_per_ray(scan: ScanGeometry, grid: Grid, few: int = 4, many: int = 1
         simulate(order, water, 1, np.random.SeedSequence(1))
         return child_seconds()[0] - before
 
-    rays = scan.rows * scan.columns * CELLS_DIVIDED**2
+    rays = scan.rows * scan.columns * math.prod(CELLS_DIVIDED)
     return (seconds(many) - seconds(few)) / (many - few) / rays * 1e9
 
 

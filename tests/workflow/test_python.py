@@ -80,7 +80,7 @@ def test_effects_act_on_the_scan_and_on_its_images(phantom):
 
 def test_recording_is_diagnosed(tmp_path):
     folder, content = projections_folder(tmp_path / "bench", log=True)
-    chain = Chain(DiscScene(120.0, "water"), load_recording(folder).geometry, photons=1e5)
+    chain = Chain(DiscScene(120.0, "water"), load_recording(folder).geometry, photons=1e5, samples=2)
     lines = noisy_lines(chain.state({"scatter": {"amount": 0.3, "width_mm": 40.0}}), 3, np.random.default_rng(3))
     for name, one in zip("abc", lines.astype(np.float32), strict=True):
         write_projections(folder / f"{name}.h5", log=True, data=one)
