@@ -38,7 +38,7 @@ from .effect import (
 from .scenes.edges import EdgeScan
 from .scenes.inclusion import inclusion_transmission
 from .scenes.posed import LinearizedScene, PosedScan, PosedScene
-from .scenes.sampling import MIN_POINTS, average_rays, later_geometry, sources, supersampled
+from .scenes.sampling import average_rays, later_geometry, sources, supersampled
 from .scenes.scene import IN_PLACE, Pose, VoxelScene, scan_key
 from .scenes.shapes import DiscScene, ShapesScene
 from .state import AIR, EARLIER_VIEWS, PHOTONS, Inclusions, State
@@ -81,7 +81,7 @@ class Chain:
         illumination: str = EVEN,
         sensor: Sensor = SENSOR,
         readout: float | str = PHOTONS,
-        fewest_points: int = MIN_POINTS,
+        fewest_points: int | None = None,
     ):
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
         self.illumination, self.sensor, self.readout = illumination, sensor, readout

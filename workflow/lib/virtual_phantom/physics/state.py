@@ -17,7 +17,6 @@ from ..base.mounting import AS_STATED, Mounting
 from ..base.pose import Pose
 from .beam.sensors import Sensor
 from .beam.spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
-from .scenes.sampling import MIN_POINTS
 
 PHOTONS, AIR = "photons", "air"  # units of State.readout
 MIN_SIGNAL = 1e-6  # relative to air; smaller signals have no logarithm
@@ -114,7 +113,7 @@ class State:
     readout : float or {"photons", "air"}
         Mean reading of the air scan in readout units; PHOTONS: readings are numbers of photons; AIR: the reading is
         unknown, and the mean signal in air is the unit.
-    fewest_points : int
+    fewest_points : int or None
         Fewest points along a side of the focal spot, and fewest times within a view, as `points` takes it.
     """
 
@@ -146,7 +145,7 @@ class State:
     dark_air: float = 0.0
     readout: float | str = PHOTONS
     mounting: Mounting = AS_STATED
-    fewest_points: int = MIN_POINTS
+    fewest_points: int | None = None
 
     def __post_init__(self):
         if self.noise is None:

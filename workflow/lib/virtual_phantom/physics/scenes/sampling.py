@@ -170,7 +170,7 @@ def average_rays(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     )
 
 
-def points(side: float, blurred_px: float, fewest: int = MIN_POINTS) -> list[tuple[float, float]]:
+def points(side: float, blurred_px: float, fewest: int | None = None) -> list[tuple[float, float]]:
     """Return points along a side of the focal spot and their weights, by Gauss-Legendre quadrature.
 
     Parameters
@@ -180,7 +180,7 @@ def points(side: float, blurred_px: float, fewest: int = MIN_POINTS) -> list[tup
     blurred_px : float
         Width of the blur of an object at the isocenter, pixels.
     fewest : int, optional
-        Fewest points for a blur of up to FEW_POINTS_PX; MIN_POINTS for a larger one.
+        Fewest points for a blur of up to FEW_POINTS_PX; None, and for a larger blur: MIN_POINTS.
 
     Returns
     -------
@@ -189,7 +189,7 @@ def points(side: float, blurred_px: float, fewest: int = MIN_POINTS) -> list[tup
     """
     if not side:
         return [(0.0, 1.0)]
-    fewest = fewest if blurred_px <= FEW_POINTS_PX else MIN_POINTS
+    fewest = fewest if fewest and blurred_px <= FEW_POINTS_PX else MIN_POINTS
     return list(_gauss_legendre(min(max(fewest, math.ceil(blurred_px) + 1), MAX_POINTS)))
 
 
