@@ -52,13 +52,68 @@ class Shapes(NamedTuple):
 
 
 @compiled(inline="always", **EXACT)
+def nearest_to_isocenter(source, way, point):
+    """Write the point of a ray that is nearest to the isocenter, and return its fraction of the ray.
+
+    Equations start there, because the source may be far away.
+    """
+    closest = 0.0
+    for axis in range(3):
+        closest -= source[axis] * way[axis]
+    closest /= way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
+    for axis in range(3):
+        point[axis] = source[axis] + closest * way[axis]
+    return closest
+
+
+@compiled(inline="always", **EXACT)
+def crossing(plane, point, way):
+    """Return (left, along): a ray from a point crosses a plane at the fraction left / along of its length."""
+    along = plane[0] * way[0] + plane[1] * way[1] + plane[2] * way[2]
+    return plane[3] - (plane[0] * point[0] + plane[1] * point[1] + plane[2] * point[2]), along
+
+
+@compiled(inline="always", **EXACT)
+def on_ray(q, point, way):
+    """Return (a, half, c) of a quadric along a ray from a point: a t^2 + 2 half t + c."""
+    x, y, z = point[0], point[1], point[2]
+    u, v, w = way[0], way[1], way[2]
+    qx, qy, qz = q[0] * u + q[3] * v + q[4] * w, q[3] * u + q[1] * v + q[5] * w, q[4] * u + q[5] * v + q[2] * w
+    c = (
+        (q[0] * x + q[3] * y + q[4] * z) * x
+        + (q[3] * x + q[1] * y + q[5] * z) * y
+        + (q[4] * x + q[5] * y + q[2] * z) * z
+        + 2.0 * (q[6] * x + q[7] * y + q[8] * z)
+        + q[9]
+    )
+    return qx * u + qy * v + qz * w, qx * x + qy * y + qz * z + q[6] * u + q[7] * v + q[8] * w, c
+
+
+@compiled(inline="always", **EXACT)
+def larger_sum(half, root):
+    """Return the sum without cancellation, s, of the roots s / a and c / s of a t^2 + 2 half t + c.
+
+    `root` is half^2 - a c.
+    """
+    return -half - np.sqrt(root) if half > 0 else -half + np.sqrt(root)
+
+
+@compiled(inline="always", **EXACT)
+def insert(values, count, value):
+    """Insert a value into a sorted array of `count` values."""
+    place = count
+    while place > 0 and values[place - 1] > value:
+        values[place] = values[place - 1]
+        place -= 1
+    values[place] = value
+
+
+@compiled(inline="always", **EXACT)
 def _behind_planes(shapes, i, source, way):
     """Return the part [first, last] of a ray, as fractions of its length, that lies behind the planes of a shape."""
     first, last = 0.0, 1.0
     for p in range(shapes.first_plane[i], shapes.first_plane[i + 1]):
-        plane = shapes.planes[p]
-        along = plane[0] * way[0] + plane[1] * way[1] + plane[2] * way[2]
-        left = plane[3] - (plane[0] * source[0] + plane[1] * source[1] + plane[2] * source[2])
+        left, along = crossing(shapes.planes[p], source, way)
         if abs(along) < PARALLEL:
             if left < 0:
                 last = -1.0
@@ -72,19 +127,8 @@ def _behind_planes(shapes, i, source, way):
 @compiled(inline="always", **EXACT)
 def _within_quadric(q, source, way, first, last):
     """Return the part of [first, last] within a quadric. A ray may cross both halves of a cone; planes exclude one."""
-    x, y, z = source[0], source[1], source[2]
-    u, v, w = way[0], way[1], way[2]
-    qx, qy, qz = q[0] * u + q[3] * v + q[4] * w, q[3] * u + q[1] * v + q[5] * w, q[4] * u + q[5] * v + q[2] * w
-    a = qx * u + qy * v + qz * w
-    half = qx * x + qy * y + qz * z + q[6] * u + q[7] * v + q[8] * w
-    c = (
-        (q[0] * x + q[3] * y + q[4] * z) * x
-        + (q[3] * x + q[1] * y + q[5] * z) * y
-        + (q[4] * x + q[5] * y + q[2] * z) * z
-        + 2.0 * (q[6] * x + q[7] * y + q[8] * z)
-        + q[9]
-    )
-    length = u * u + v * v + w * w
+    a, half, c = on_ray(q, source, way)
+    length = way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
     if abs(a) < PARALLEL * length:
         if abs(half) < PARALLEL * length:
             return (first, last) if c <= 0 else (0.0, -1.0)
@@ -93,8 +137,7 @@ def _within_quadric(q, source, way, first, last):
     root = half * half - a * c
     if root <= 0:
         return (first, last) if a < 0 else (0.0, -1.0)
-    # Avoid cancellation: one root from the sum of equal signs, the other from their product.
-    sum_ = -half - np.sqrt(root) if half > 0 else -half + np.sqrt(root)
+    sum_ = larger_sum(half, root)
     one, another = sum_ / a, c / sum_ if sum_ != 0 else 0.0
     low, high = min(one, another), max(one, another)
     if a > 0:
@@ -139,16 +182,6 @@ class Workspace(NamedTuple):
         met, passed = np.empty((2, count), np.int64)
         shares = np.empty(1 + shapes.material.max(initial=-1))
         return cls(begin, end, met, np.empty(2 * count), np.empty(3), np.empty(3), passed, near, far, shares)
-
-
-@compiled(inline="always", **EXACT)
-def _insert(edges, count, value):
-    """Insert a value into a sorted array of `count` values."""
-    place = count
-    while place > 0 and edges[place - 1] > value:
-        edges[place] = edges[place - 1]
-        place -= 1
-    edges[place] = value
 
 
 @compiled(inline="always", **EXACT)
@@ -218,13 +251,7 @@ def chords(shapes, sources, ways, rises, size, lengths, workspace):
             for row in range(len(rises)):
                 way[2] = ways[view, bundle, 2] + rises[row]
                 found = 0
-                # The origin is the point nearest to the isocenter, because the source may be far away.
-                closest = 0.0
-                for axis in range(3):
-                    closest -= source[axis] * way[axis]
-                closest /= way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
-                for axis in range(3):
-                    nearest[axis] = source[axis] + closest * way[axis]
+                closest = nearest_to_isocenter(source, way, nearest)
                 for place in range(count):
                     i = workspace.passed[place]
                     if not _at_height(shapes.around[i], source[2], way[2], workspace.near[place], workspace.far[place]):
@@ -236,8 +263,8 @@ def chords(shapes, sources, ways, rises, size, lengths, workspace):
                         first, last = low + closest, high + closest
                     if first < last:
                         begin[found], end[found], met[found] = first, last, i
-                        _insert(edges, 2 * found, first)
-                        _insert(edges, 2 * found + 1, last)
+                        insert(edges, 2 * found, first)
+                        insert(edges, 2 * found + 1, last)
                         found += 1
                 if found == 0:
                     continue

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.compiled import compiled
-from .chords import EXACT
+from .chords import EXACT, crossing, insert, larger_sum, nearest_to_isocenter, on_ray
 from .lanes import OPTIONS
 
 LAST_BIT = 62  # of an int64 with one bit per shape
@@ -20,77 +20,47 @@ MOST_KINKS = 8  # within a pixel along a line; further ones are ignored
 
 
 @compiled(inline="always", **EXACT)
-def _surface(q, point, way):
-    """Return the quadric at a point, its half derivative along a ray through it, and the ray's square in its metric."""
-    x, y, z = point[0], point[1], point[2]
-    u, v, w = way[0], way[1], way[2]
-    qx, qy, qz = q[0] * u + q[3] * v + q[4] * w, q[3] * u + q[1] * v + q[5] * w, q[4] * u + q[5] * v + q[2] * w
-    value = (
-        (q[0] * x + q[3] * y + q[4] * z) * x
-        + (q[3] * x + q[1] * y + q[5] * z) * y
-        + (q[4] * x + q[5] * y + q[2] * z) * z
-        + 2.0 * (q[6] * x + q[7] * y + q[8] * z)
-        + q[9]
-    )
-    return value, qx * x + qy * y + qz * z + q[6] * u + q[7] * v + q[8] * w, qx * u + qy * v + qz * w
-
-
-@compiled(inline="always", **EXACT)
-def _crossing(plane, point, way):
-    """Return the distance of a point behind a plane, and what it loses along a ray: their ratio is the crossing."""
-    left = plane[3] - (plane[0] * point[0] + plane[1] * point[1] + plane[2] * point[2])
-    return left, plane[0] * way[0] + plane[1] * way[1] + plane[2] * way[2]
-
-
-@compiled(inline="always", **EXACT)
 def _functions(shapes, i, source, way, point, values):
     """Write the functions of a ray for shape i, which are zero at its kinks, and return their number."""
-    square = way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
-    closest = -(source[0] * way[0] + source[1] * way[1] + source[2] * way[2]) / square
-    for axis in range(3):  # the point nearest to the isocenter, because the source may be far away
-        point[axis] = source[axis] + closest * way[axis]
+    nearest_to_isocenter(source, way, point)
     first, last, count = shapes.first_plane[i], shapes.first_plane[i + 1], 0
     if shapes.curved[i]:
-        value, half, metric = _surface(shapes.quadrics[i], point, way)
-        values[0], count = half * half - metric * value, 1
+        a, half, c = on_ray(shapes.quadrics[i], point, way)
+        values[0], count = half * half - a * c, 1
         for one in range(first, last):
-            left, along = _crossing(shapes.planes[one], point, way)
-            values[count] = along * along * value + 2.0 * left * along * half + left * left * metric
+            left, along = crossing(shapes.planes[one], point, way)
+            values[count] = along * along * c + 2.0 * left * along * half + left * left * a
             count += 1
     for one in range(first, last):
-        left, along = _crossing(shapes.planes[one], point, way)
+        left, along = crossing(shapes.planes[one], point, way)
         for other in range(one + 1, last):
-            left_of_other, along_other = _crossing(shapes.planes[other], point, way)
+            left_of_other, along_other = crossing(shapes.planes[other], point, way)
             values[count] = left * along_other - left_of_other * along
             count += 1
     return count
 
 
 @compiled(inline="always", **EXACT)
-def _insert(found, count, place):
+def _insert_inside(found, count, place):
     """Insert a place in (0, 1) into a sorted array of `count` places, unless it is full; return the new count."""
     if not 0.0 < place < 1.0 or count == len(found):
         return count
-    at = count
-    while at > 0 and found[at - 1] > place:
-        found[at] = found[at - 1]
-        at -= 1
-    found[at] = place
+    insert(found, count, place)
     return count + 1
 
 
 @compiled(inline="always", **EXACT)
 def _insert_roots(first, middle, last, found, count):
     """Insert the roots in (0, 1) of the parabola through values at 0, 1/2 and 1; return the new count."""
-    square, slope = 2.0 * (first + last - 2.0 * middle), 4.0 * middle - 3.0 * first - last
-    root = slope * slope - 4.0 * square * first
+    square, half = 2.0 * (first + last - 2.0 * middle), 0.5 * (4.0 * middle - 3.0 * first - last)
+    root = half * half - square * first
     if root <= 0.0:
         return count
-    sum_ = -0.5 * (slope + np.sqrt(root)) if slope > 0.0 else -0.5 * (slope - np.sqrt(root))
+    sum_ = larger_sum(half, root)
     if square != 0.0:
-        count = _insert(found, count, sum_ / square)
+        count = _insert_inside(found, count, sum_ / square)
     if sum_ != 0.0:
-        count = _insert(found, count, first / sum_)
+        count = _insert_inside(found, count, first / sum_)
     return count
 
 
