@@ -12,7 +12,7 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.settings import FitSettings
 
 # A quick diagnosis: the fault that the library lacks shows in the object, few views, no pair, and a seed whose case
-# without a hidden effect is a disc.
+# without a hidden effect is a disc. XCIST is too inexact in wider pixels.
 QUICK = {
     "seed": 2040,
     "pairs": 0,
