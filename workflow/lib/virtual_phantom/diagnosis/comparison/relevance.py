@@ -292,9 +292,8 @@ def _of_areas(reference: np.ndarray, images: np.ndarray, regions: Regions, paire
     difference, error = _paired(*means) if paired else _unpaired(*means)
     # Bonferroni correction over the areas, instead of the 5 % that two standard errors leave. Differences of unpaired
     # images have the noise of few repeats.
-    repeats = len(reference) + len(images) - 2
-    level = ALPHA / 2 / len(areas)
-    wider = (stats.norm.isf(level) if paired or not repeats else stats.t.isf(level, repeats)) / 2
+    freedom, level = len(reference) + len(images) - 2, ALPHA / 2 / len(areas)
+    wider = (stats.norm.isf(level) if paired or not freedom else stats.t.isf(level, freedom)) / 2
     sure = np.abs(difference) - 2 * wider * error
     worst = int(np.argmax(sure if np.isfinite(sure).all() else np.abs(difference)))
     return ImageChange(float(difference[worst]), _known(wider * error[worst]))
