@@ -289,8 +289,8 @@ class StatedObject:
         """
         if not about or not isinstance(self.scene, ShapesScene) or not self.has_surfaces:
             return self.scene
-        name_of = {index: name for name, indices in parts_of_shapes(self.scene.shapes).items() for index in indices}
-        return self.scene.grown([about.get(SURFACE + name_of[index], 0.0) for index in range(len(name_of))])
+        parts = parts_of_shapes(self.scene.shapes)
+        return _grown(self.scene, parts, {name: about.get(SURFACE + name, 0.0) for name in parts})
 
     def amounts(
         self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float] | None = None
@@ -324,23 +324,24 @@ class StatedObject:
         denser = mu * (1 + np.array([about.get(number.name, 0.0) for number in densities]))
 
         def lines(by: Mapping[str, float], attenuation: np.ndarray) -> np.ndarray:
-            """Return line integrals as a detector measures them, from the mean transmission of the rays of a pixel."""
-            scene = divided.grown([by.get(of_shape[index], 0.0) for index in range(len(shapes))])
+            """Return line integrals as a detector measures them, from the mean transmission of the rays of a pixel.
+
+            `attenuation` has the shape (..., materials), line integrals (..., views, rows, columns).
+            """
 
             def transmitted(paths: np.ndarray) -> np.ndarray:
                 return _transmission(np.tensordot(attenuation, paths, 1))
 
-            return -np.log(_mean(transmitted, scene, geometry, samples, pose))
+            return -np.log(_mean(transmitted, _grown(divided, parts, by), geometry, samples, pose))
 
-        here = lines(grown, denser)
+        # Line integrals of `with_surfaces` include the grown surfaces, but not the errors of densities.
+        here, with_surfaces = lines(grown, np.stack([denser, mu]))
         steps = [grown | {name: grown[name] + STEP_MM} for name in parts]
         growth = np.stack([(lines(step, denser) - here) / STEP_MM for step in steps])
-        scene = divided.grown([grown[of_shape[index]] for index in range(len(shapes))])
-        through = mu[:, None, None, None] * _lengths(scene, geometry, samples, pose)
+        through = mu[:, None, None, None] * _lengths(_grown(divided, parts, grown), geometry, samples, pose)
         changes = np.concatenate([through, growth]).astype(np.float32)
         values = [about.get(number.name, 0.0) for number in (*densities, *surfaces)]
-        # Line integrals of `with_surfaces` include the grown surfaces.
-        constant = here - lines(grown, mu) - np.tensordot(values, changes, 1) if any(values) else 0.0
+        constant = here - with_surfaces - np.tensordot(values, changes, 1) if any(values) else 0.0
         return (*densities, *surfaces), changes, constant, 0.0
 
     def _of_grid(
@@ -357,12 +358,13 @@ class StatedObject:
         else:
             names = ("water",) * len(volumes)
             scene = VoxelScene(volumes, self.phantom.grid, names, self.scene.energy_kev, self.scene.threads)
-        sums = np.zeros((len(volumes), *geometry.shape), np.float32)
-        for rays, weights in supersampled(geometry, samples):
-            paths = scene.path_lengths(rays, pose)
+
+        def transmitted(paths: np.ndarray) -> np.ndarray:
             paths[-2:] = _transmission(paths[-2:])  # a detector measures the mean transmission of the rays of a pixel
             paths[:-2] *= paths[-2]
-            sums += average_rays(paths, weights)
+            return paths
+
+        sums = _mean(transmitted, scene, geometry, samples, pose).astype(np.float32)
         changes = sums[:-2] / sums[-2]
         linear = np.tensordot(list(by_mm.values()), changes[len(errors) :], 1)
         change = np.log(sums[-1] / sums[-2])
@@ -410,6 +412,12 @@ def parts_of_shapes(shapes: Sequence[Shape]) -> dict[str, list[int]]:
         for material, indices in of_material.items()
         for number, index in enumerate(indices, 1)
     }
+
+
+def _grown(scene: ShapesScene, parts: Mapping[str, Sequence[int]], by_mm: Mapping[str, float]) -> ShapesScene:
+    """Return the scene with the surfaces of its parts displaced outwards."""
+    each = {index: by_mm[name] for name, indices in parts.items() for index in indices}
+    return scene.grown([each[index] for index in range(len(each))])
 
 
 def parts_of_voxels(scene: GridScene, geometry: ScanGeometry) -> tuple[int, int, int]:
