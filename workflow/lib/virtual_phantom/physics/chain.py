@@ -11,7 +11,7 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -301,13 +301,16 @@ class Chain:
 
     def _edges(self, geometry, pose: Pose, motion_mm, added: Inclusions) -> Iterable[tuple[EdgeScan, np.ndarray]]:
         """Return the rays of pixels that see an edge of the scene or of an added shape, with their path lengths."""
-        whole = ShapesScene([*self.scene.shapes, *(shape.shape for shape, _ in added)]) if added else self.scene
-        scans = whole.edge_scans(geometry, self.samples, pose, motion_mm)
-        traced = ((edges, self.scene.path_lengths(edges, pose)) for edges in scans)
+
+        def trace() -> Iterator[tuple[EdgeScan, np.ndarray]]:
+            whole = ShapesScene([*self.scene.shapes, *(shape.shape for shape, _ in added)]) if added else self.scene
+            for edges in whole.edge_scans(geometry, self.samples, pose, motion_mm):
+                yield edges, self.scene.path_lengths(edges, pose)
+
         if len(supersampled(geometry, self.samples)) > 1:  # too large to be cached
-            return traced
+            return trace()
         key = "edges", scan_key(geometry, pose, motion_mm), *(shape.key for shape, _ in added)
-        return self._paths.get(key, lambda: list(traced))
+        return self._paths.get(key, lambda: list(trace()))
 
     def _ray_signal(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int] | EdgeScan) -> np.ndarray:
         """Return the signal of every ray by the Beer-Lambert law.

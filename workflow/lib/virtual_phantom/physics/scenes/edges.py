@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -76,10 +77,16 @@ class EdgeScan:
             Changed.
         values : ndarray, shape (..., lines, 1, NODES)
         """
-        flat = np.ravel_multi_index(self.pixels, means.shape[-3:])
-        starts = np.flatnonzero(np.diff(flat, prepend=-1))
-        sums = np.add.reduceat((values[..., 0, :] * self.weights).sum(axis=-1), starts, axis=-1) if len(flat) else 0.0
+        if not len(self.weights):
+            return
+        starts = self._starts
+        sums = np.add.reduceat((values[..., 0, :] * self.weights).sum(axis=-1), starts, axis=-1)
         means[(..., *(number[starts] for number in self.pixels))] = sums
+
+    @cached_property
+    def _starts(self) -> np.ndarray:
+        """First line of each pixel; the lines of a pixel are neighbors."""
+        return np.flatnonzero(np.any([np.diff(number, prepend=-1) for number in self.pixels], axis=0))
 
 
 def edge_scans(
@@ -112,6 +119,7 @@ class _Divided:
     def __init__(self, shapes: Shapes, geometry: ScanGeometry, samples: int, pose: Pose):
         self.shapes, self.geometry = shapes, geometry
         self.seen, shift = turned_back(geometry, pose, None)
+        self.vectors = _vectors(self.seen)
         self.size, self.sources = pose.size, (self.seen.source_mm - shift) / pose.size
         quadrature = pixel_quadrature(samples, geometry.rows > 1, 1)
         self.places = np.array([0.5 + row for (_, row), _ in quadrature])
@@ -130,7 +138,7 @@ class _Divided:
         line, begin, end = _parts(found, count)
         view, row, column, place, share = (values[line] for values in (view, row, column, place, share))
         nodes, weights = _dense_at_ends(begin, end)
-        to = _to(self.geometry, view, column[:, None] + nodes, (row + place)[:, None])
+        to = _to(self.geometry, _vectors(self.geometry), view, column[:, None] + nodes, (row + place)[:, None])
         return EdgeScan(self.geometry.source_mm[view], to, (view, row, column), share[:, None] * weights)
 
     def _columns_with_kinks(self) -> np.ndarray:
@@ -154,10 +162,10 @@ class _Divided:
         """
         segments = -(-(pixels + 2) // SEGMENT)
         along = -1 + np.arange(2 * segments + 1)[None] * SEGMENT / 2
-        seen, every = self.seen, np.arange(self.geometry.views)
-        zero = np.zeros((1, 1))
-        ways = _to(seen, every, *((along, zero) if columns else (zero, along)))
-        offsets = _to(seen, every, *((zero, lines.T) if columns else (lines.T, zero))) - _to(seen, every, zero, zero)
+        every, zero = np.arange(self.geometry.views), np.zeros((1, 1))
+        ways = self._seen_to(every, *((along, zero) if columns else (zero, along)))
+        offsets = self._seen_to(every, *((zero, lines.T) if columns else (lines.T, zero)))
+        offsets -= self._seen_to(every, zero, zero)
         there = np.empty((len(every), len(lines), SEGMENT * segments), np.int64)
         values = np.empty((2 * segments + 1, most_functions(self.shapes)))
         work = np.empty(3), np.empty(3), np.empty(MOST_KINKS), values
@@ -186,18 +194,31 @@ class _Divided:
 
         `seen` are the shapes that may have a kink there, as bits.
         """
-        ways = np.ascontiguousarray(_to(self.seen, view, columns, rows)) / self.size
+        ways = self._seen_to(view, columns, rows) / self.size
         found, count = np.zeros((len(view), MOST_KINKS)), np.zeros(len(view), np.int64)
         values = np.empty((3, most_functions(self.shapes)))
         kinks_in_pixels(self.shapes, self.sources[view], ways, seen, found, count, np.empty(3), values)
         return found, count
 
+    def _seen_to(self, view: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Return `_to` in the frame of the object."""
+        return _to(self.seen, self.vectors, view, columns, rows)
 
-def _to(geometry: ScanGeometry, view: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+
+def _vectors(geometry: ScanGeometry) -> np.ndarray:
+    """Return the vectors of each view that `_to` adds, shape (4, views, 3)."""
+    return np.stack([geometry.toward_mm, geometry.column_direction, geometry.normal, geometry.row_direction])
+
+
+def _to(
+    geometry: ScanGeometry, vectors: np.ndarray, view: np.ndarray, columns: np.ndarray, rows: np.ndarray
+) -> np.ndarray:
     """Return vectors from the source to the detector, mm, shape (views, places, 3).
 
     Parameters
     ----------
+    vectors : ndarray, shape (4, views, 3)
+        From `_vectors`.
     view : ndarray of int, shape (views,)
     columns, rows : ndarray, broadcastable to (views, places)
         Places in pixels from the first border of the detector.
@@ -208,8 +229,7 @@ def _to(geometry: ScanGeometry, view: np.ndarray, columns: np.ndarray, rows: np.
     up = (rows - geometry.rows / 2 + geometry.row_offset_px) * geometry.row_pitch_mm
     found = np.empty((len(view), np.broadcast_shapes(columns.shape, rows.shape)[1], 3))
     amounts = np.stack([np.broadcast_to(values, found.shape[:2]) for values in (across, -nearer, up)])
-    vectors = geometry.toward_mm, geometry.column_direction, geometry.normal, geometry.row_direction
-    add_vectors(view, amounts, np.stack(vectors), found)
+    add_vectors(view, amounts, vectors, found)
     return found
 
 
