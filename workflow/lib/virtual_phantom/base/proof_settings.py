@@ -49,6 +49,8 @@ class ProofSettings:
     ----------
     declared : int
         Most deviations of a case that the diagnosis is told.
+    tried : tuple of str or None
+        Effects that the diagnosis of projections tries; None for all that a case can show.
     """
 
     seed: int
@@ -64,3 +66,4 @@ class ProofSettings:
     held_out_protocol: ProofProtocol
     effects: tuple[str, ...] | None = None
     unknown_kinds: tuple[str, ...] | None = None
+    tried: tuple[str, ...] | None = None

@@ -14,6 +14,7 @@ from ..config.plan import Plan
 from ..diagnosis.candidate_effects import candidates
 from ..diagnosis.settings import Disc, FitSettings, LabelledObject, ObjectUncertainty, RecordingSettings, ShapesObject
 from ..io.schema import defaults_of
+from ..physics.effect import require
 from ..proof.hiding.materials import DENSE, DENSE_FROM_HU, SOFT
 from ..proof.hiding.objects import DISC, HU, LABELS, SHAPES
 from ..proof.hiding.orbits import HELIX, Orbit, image_grid
@@ -69,7 +70,8 @@ class Proof:
         check_simulators(settings.simulators)
         check_tried(settings)
         check_recordings(settings.recordings, plan.study.diagnosis.recordings)
-        found._candidates(IMAGES)
+        for kind in (PROJECTIONS, IMAGES):
+            found._candidates(kind)
         return found
 
     @property
@@ -146,7 +148,10 @@ class Proof:
     def _candidates(self, kind: str, baseline: Mapping | None = None, helical: bool = False) -> list[str]:
         settings = _diagnosed(self.settings.scan, baseline=baseline or {})
         if kind == PROJECTIONS:
-            return candidates(settings, helical=helical)
+            found, tried = candidates(settings, helical=helical), self.settings.tried
+            for name in tried or ():
+                require(name, "proof.tried")
+            return found if tried is None else [name for name in found if name in tried]
         try:
             return candidates(replace(settings, effects=self.settings.images.tried), IMAGES)
         except InputError as error:

@@ -128,7 +128,7 @@ def check_simulators(simulators: Collection[str]) -> None:
 
 
 def check_tried(settings: ProofSettings) -> None:
-    """Check that the effects hidden in images are candidates there.
+    """Check that the hidden effects are candidates.
 
     Raises
     ------
@@ -136,10 +136,13 @@ def check_tried(settings: ProofSettings) -> None:
         If an effect is no candidate.
     """
     images = settings.images
-    hidden = [KERNEL, *images.effects] if images.strengths or images.effects else []
-    for name in hidden:
-        if name not in images.tried:
-            raise InputError(f"proof.images.tried: lacks '{name}', which the cases hide; add it")
+    of_images = [KERNEL, *images.effects] if images.strengths or images.effects else []
+    of_projections = settings.effects or KNOWN
+    chosen = {"proof.images": (of_images, images.tried), "proof": (of_projections, settings.tried)}
+    for section, (hidden, tried) in chosen.items():
+        lacking = [] if tried is None else [name for name in hidden if name not in tried]
+        if lacking:
+            raise InputError(f"{section}.tried: lacks '{lacking[0]}', which the cases hide; add it")
 
 
 def truths(settings: ProofSettings) -> dict[str, dict]:
