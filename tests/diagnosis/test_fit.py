@@ -14,6 +14,7 @@ from simulated_scans import body, chosen, noisy_lines
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.fitting.priors import declared
 from virtual_phantom.diagnosis.fitting.problem import Problem
+from virtual_phantom.diagnosis.fitting.solver import Iterate, solve
 from virtual_phantom.diagnosis.fitting.steps import NORMAL_95, bounded_step, standard_errors
 from virtual_phantom.diagnosis.fitting.templates import data_changes
 from virtual_phantom.diagnosis.fitting.unknown import Unknown
@@ -47,6 +48,43 @@ def exact(matrix, right):
             row[column] = Fraction(float(value))
         found.append(float(determinant(changed) / whole))
     return np.array(found)
+
+
+class Valley:
+    """Residuals x and sqrt(1000 - 0.98 x^2): their squared derivatives are 50 times the curvature of chi-square."""
+
+    low, high, patterned, count = np.full(1, -30.0), np.full(1, 30.0), False, 2
+    derivatives = 0
+
+    def at(self, point):
+        residuals = np.array([point[0], np.sqrt(1000 - 0.98 * point[0] ** 2)])
+        return Iterate(point, {"": [residuals]}, float(residuals @ residuals))
+
+    def stepped(self, here, step):
+        return self.at(np.clip(here.point + step, self.low, self.high))
+
+    def jacobians(self, here):
+        self.derivatives += 1
+        first, second = here.residuals[""][0]
+        return np.array([[1.0, -0.98 * first / second]])
+
+    def normal(self, jacobian, here):
+        return jacobian @ jacobian.T, -jacobian @ here.residuals[""][0]
+
+    def updated(self, jacobian, here, there):
+        return jacobian
+
+    def follow(self, here):
+        return here
+
+    def parts(self, point):
+        return ()
+
+
+def test_steps_grow_where_residuals_are_large():
+    valley = Valley()
+    found = solve(valley, valley.at(np.array([20.0])))
+    assert found.chi_square < 1000.5 and valley.derivatives < 8
 
 
 @settings(deadline=None)

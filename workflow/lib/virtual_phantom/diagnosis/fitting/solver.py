@@ -123,6 +123,10 @@ class JointProblem:
             point[self.indices[name]] = part
         return self._iterate(point, {name: residuals for name, (_, residuals) in found.items()})
 
+    def stepped(self, here: Iterate, step: np.ndarray) -> Iterate:
+        """Return the point after a step within the bounds, with the best density scales and air offsets."""
+        return self.solve_scale_and_offset(np.clip(here.point + step, self.low, self.high))
+
     def _iterate(self, point: np.ndarray, residuals: dict[str, list[np.ndarray]]) -> Iterate:
         total = sum(problem.chi_square(residuals[name], part) for name, problem, part in self.parts(point))
         return Iterate(point, residuals, total)
@@ -210,7 +214,11 @@ class _Step:
 
 
 def _step(problem: JointProblem, here: Iterate, information, gradient, damping, enough, fresh) -> _Step:
-    """Take a step within the bounds that lowers chi-square, with more damping as long as none does."""
+    """Take a step within the bounds that lowers chi-square, with more damping as long as none does.
+
+    A step that gains more than predicted is doubled as long as chi-square falls: the squared derivatives overestimate
+    the curvature where residuals are large, and steps along a valley are then too short.
+    """
     predicted_decrease = 0.0
     while True:
         damped = information + damping * np.diag(np.diag(information))
@@ -219,8 +227,14 @@ def _step(problem: JointProblem, here: Iterate, information, gradient, damping, 
         predicted_decrease = predicted_decrease or expected
         if expected < enough:
             return _Step(None, expected, predicted_decrease, damping)
-        reached = problem.solve_scale_and_offset(np.clip(here.point + step, problem.low, problem.high))
+        reached = problem.stepped(here, step)
         if reached.chi_square <= here.chi_square:
+            while here.chi_square - reached.chi_square > AS_EXPECTED[1] * expected:
+                step = 2 * step
+                farther = problem.stepped(here, step)
+                if farther.chi_square >= reached.chi_square:
+                    break
+                reached = farther
             return _Step(reached, expected, predicted_decrease, damping / DAMPING if damping > LEAST_DAMPING else 0.0)
         damping = max(LEAST_DAMPING, damping * DAMPING)
         if damping > MOST_DAMPING or not fresh:  # an updated Jacobian is computed again first
