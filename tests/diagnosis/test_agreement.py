@@ -44,7 +44,7 @@ def test_table_reports_known_differences():
         "before": disc(regions, 4, 2, hu=-50.0, sigma=8.0, blur=0.8),
         "after": disc(regions, 4, 3),
     }
-    found = agreement(disc(regions, 4, 1), simulated, regions)
+    found = agreement(disc(regions, 4, 1), simulated, regions, regions.inner.sum())
     assert tuple(found["metrics"]) == METRICS and found["left_out"] == {}
     for name, difference in (("contrast", -0.05), ("noise_magnitude", -0.2), ("resolution", 0.25)):
         entry = found["metrics"][name]
@@ -62,7 +62,7 @@ def test_noise_floor_falls_with_square_root_of_repeats():
     floors = []
     for repeats in (9, 33):  # 8 and 32 independent differences
         images = [disc(regions, repeats, seed) for seed in (5, 6)]
-        metrics = agreement(images[0], {"after": images[1]}, regions)["metrics"]
+        metrics = agreement(images[0], {"after": images[1]}, regions, regions.inner.sum())["metrics"]
         floors.append([metrics[name]["floor"] for name in METRICS])
     np.testing.assert_allclose(np.divide(*floors), 2, rtol=0.2)
 

@@ -25,6 +25,15 @@ def images(regions, seed, *, repeats=6, hu=0.0, sigma=10.0, blur=1.0, more=0.0):
     return clean + more + sigma * random.normal(size=(repeats, *clean.shape))
 
 
+def independent(regions):
+    """Independent values of white noise."""
+    return regions.inner.sum()
+
+
+def changes(reference, others, regions):
+    return image_changes(reference, others, regions, independent(regions))
+
+
 def test_known_changes_are_reported(regions):
     base = images(regions, 1)
     twins = {
@@ -34,9 +43,9 @@ def test_known_changes_are_reported(regions):
         "resolution_percent": (images(regions, 1, blur=1.1), 100 * (1 / 1.1 - 1)),
     }
     for quantity, (twin, truth) in twins.items():
-        found = image_changes(base, twin, regions, paired=True)[quantity]
+        found = image_changes(base, twin, regions, independent(regions), paired=True)[quantity]
         assert found.value == pytest.approx(truth, rel=0.05), quantity
-    same = image_changes(base, base, regions, Features(regions), paired=True)
+    same = image_changes(base, base, regions, independent(regions), Features(regions), paired=True)
     assert set(same) == set(THRESHOLDS) and all(one.value == one.error == 0 for one in same.values())
 
 
@@ -56,16 +65,14 @@ def test_noise_alone_is_never_reported_as_relevant(regions):
 def test_noise_of_two_repeats_is_rarely_reported_as_a_difference_in_hu(regions):
     """One in 20 for each of two measures; with normal quantiles, nearly all were reported."""
     pairs = (
-        image_changes(images(regions, 2 * i, repeats=2), images(regions, 2 * i + 1, repeats=2), regions)["hu"]
+        changes(images(regions, 2 * i, repeats=2), images(regions, 2 * i + 1, repeats=2), regions)["hu"]
         for i in range(20)
     )
     assert sum(change.least > 0 for change in pairs) <= 5
 
 
 def as_told(without, with_it, regions):
-    return {
-        name: {"value": one.value, "error": one.error} for name, one in image_changes(without, with_it, regions).items()
-    }
+    return {name: {"value": one.value, "error": one.error} for name, one in changes(without, with_it, regions).items()}
 
 
 def over_by_margin(found):
@@ -79,7 +86,7 @@ def test_local_difference_outside_of_all_regions_is_detected(regions):
     y, x = np.mgrid[:80, :80] - 39.5
     rings[:] = 4.0 * np.sign(np.sin(2 * np.pi * np.hypot(y, x) / 3))
     for more, size in ((lump, 5.0), (rings, 4.0)):
-        found = image_changes(images(regions, 3), images(regions, 4, more=more), regions)["hu"]
+        found = changes(images(regions, 3), images(regions, 4, more=more), regions)["hu"]
         assert abs(found.value) == pytest.approx(size, abs=2 * found.error + 0.3)
         assert abs(found.value) - 2 * found.error > 1
 

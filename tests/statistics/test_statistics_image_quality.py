@@ -7,6 +7,7 @@ from scipy import ndimage, special
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.statistics.image_quality import (
     contrast,
+    independent_values,
     mean_frequency,
     noise_contrasts,
     noise_magnitude,
@@ -47,12 +48,12 @@ def test_white_noise_has_its_magnitude_and_a_flat_spectrum():
     images = 1000 * np.arange(3 * 96 * 96).reshape(3, 96, 96) + white(4)  # structure has no effect
     whole = np.ones(images.shape[1:], bool)
     spectrum = noise_spectrum(images, whole, SPACING)
-    assert spectrum.area == pytest.approx(1, rel=0.02)
     flat = SIGMA_HU**2 * SPACING[1] * SPACING[2]
     assert np.abs(spectrum.power - flat).max() < 4 * np.sqrt(spectrum.variance.max())
     frequency = mean_frequency(spectrum)
     assert abs(frequency.value - 1 / (4 * SPACING[1])) < 3 * frequency.error < 0.02  # half of the Nyquist frequency
-    found = noise_magnitude(images, {"whole": whole}, spectrum.area)
+    assert independent_values(white(40), whole) == pytest.approx(whole.sum(), rel=0.2)
+    found = noise_magnitude(images, whole, whole.sum())
     assert abs(found.value - SIGMA_HU) < 3 * found.error
     assert found.error == pytest.approx(SIGMA_HU / np.sqrt(2 * 3 * whole.size), rel=0.05)
     np.testing.assert_allclose(noise_contrasts(images).std(), SIGMA_HU, rtol=0.02)
@@ -70,7 +71,9 @@ def test_filtered_noise_has_its_mean_frequency(sigma_px):
     reach = 2 * np.pi * sigma * nyquist
     expected *= -np.expm1(-(reach**2)) / special.erf(reach)
     assert mean_frequency(spectrum).value == pytest.approx(expected, rel=0.02)
-    assert spectrum.area == pytest.approx(2 * np.pi * sigma_px**2, rel=0.1)  # the integral of rho^2, in voxels
+    # One independent value in the integral of rho^2.
+    independent = independent_values(images, np.ones(images.shape[1:], bool))
+    assert independent == pytest.approx(images[0].size / (2 * np.pi * sigma_px**2), rel=0.5)
 
 
 def test_spectra_of_one_noise_differ_by_chance():
@@ -89,13 +92,22 @@ def test_errors_equal_the_scatter_of_many_realizations():
     y, x = np.mgrid[:64, :64] - 31.5
     distance = np.broadcast_to(np.hypot(y, x) * SPACING[1] - 18.3, whole.shape)
     disc = 1000 * ndimage.gaussian_filter((distance < 0).astype(float), (0, 1, 1))
+    # Streaks that cross the whole image, of different strengths.
+    strengths = np.exp(-np.arange(64) / 16)
+
+    def correlated(repeats, seed):
+        streaks = white(repeats, (3, 64, 1), 1000 + seed) * strengths[:, None]
+        smooth = ndimage.gaussian_filter(white(repeats, whole.shape, seed), (0, 0.5, 0.8, 0.8), mode="wrap")
+        return smooth, smooth + streaks / 2
+
+    independent = independent_values(correlated(12, 100)[1], whole)
     values, errors = [], []
     for seed in range(40):
-        images = ndimage.gaussian_filter(white(3, whole.shape, seed), (0, 0.5, 0.8, 0.8), mode="wrap")
+        images, streaked = correlated(3, seed)
         spectrum = noise_spectrum(images, whole, SPACING)
         measured = [
             contrast(images + disc * rois["left"], rois),
-            noise_magnitude(images, rois, spectrum.area),
+            noise_magnitude(streaked, whole, independent),
             mean_frequency(spectrum),
             mtf_half(images + disc, distance, SPACING, whole),
         ]

@@ -1,8 +1,8 @@
 """Image quality from repeated images: contrast, noise magnitude and noise texture, with standard errors.
 
 Definitions follow [1]_ and [2]_. Noise is measured from differences of repeats, which contain no structure. Standard
-errors assume Gaussian noise: an ordinate of a periodogram has a standard deviation equal to its expectation. They
-ignore correlations over more than one tile of the spectrum, such as streaks from few views.
+errors assume Gaussian noise: an ordinate of a periodogram has a standard deviation equal to its expectation. Errors of
+spectra ignore correlations over more than one tile, such as streaks from few views.
 
 References
 ----------
@@ -43,14 +43,11 @@ class Spectrum:
         Mean frequency of the ordinates in each ring, 1/mm.
     power, variance : ndarray, shape (rings,)
         HU^2 mm^2, and its variance.
-    area : float
-        Correlation area: voxels of the axial plane per independent value of the noise.
     """
 
     frequency: np.ndarray
     power: np.ndarray
     variance: np.ndarray
-    area: float
 
     @property
     def shape(self) -> np.ndarray:
@@ -157,35 +154,49 @@ def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray], reference: str 
     return Measure(statistic(values), propagated_error(statistic, values, parts, len(images)) * float(np.sqrt(factor)))
 
 
-def noise_magnitude(images: np.ndarray, rois: Mapping[str, np.ndarray], area: float) -> Measure:
-    """Standard deviation over repeats, HU: square root of the mean variance of the ROIs.
+def independent_values(images: np.ndarray, mask: np.ndarray) -> float:
+    """Number of independent values of the noise inside a mask; NaN for fewer than three repeats.
+
+    The mean square of the noise of N voxels with the covariance C varies as that of tr(C)^2 / tr(C^2) independent
+    values. The product of two independent realizations, summed over voxels, has the expected square tr(C^2).
+    Correlation over any distance counts, as in streaks, and so does a variance that differs between voxels.
+
+    Parameters
+    ----------
+    images : ndarray, shape (repeats, z, y, x)
+        HU; eight repeats give 21 pairs, and the number within 31 % (one standard deviation).
+    mask : ndarray of bool, shape (z, y, x)
+    """
+    if len(images) < 3:
+        return np.nan
+    noise = noise_contrasts(images)[:, mask]
+    products = noise @ noise.T
+    pairs = products[np.triu_indices(len(noise), 1)]
+    square = float((pairs**2).mean())
+    return float(np.trace(products) / len(noise)) ** 2 / square if square else np.nan
+
+
+def noise_magnitude(images: np.ndarray, mask: np.ndarray, independent: float) -> Measure:
+    """Standard deviation over repeats, HU: square root of the mean variance inside a mask.
 
     Parameters
     ----------
     images : ndarray, shape (repeats, z, y, x)
         HU.
-    rois : mapping of str to ndarray of bool, shape (z, y, x)
+    mask : ndarray of bool, shape (z, y, x)
+    independent : float
+        Result of `independent_values` for such images.
 
     Raises
     ------
     InputError
-        If there is only one repeat, or no ROI.
+        If there is only one repeat, or the mask is empty.
     """
-    noise, used = noise_contrasts(images), _large_rois(rois)
-    if not used:
-        raise InputError("noise magnitude needs an ROI in the image; there is none")
-    correlated = slice_correlations(noise, np.logical_or.reduce(list(used.values())))[1]
-    variances, errors = [], []
-    for mask in used.values():
-        square = (noise**2)[:, mask]
-        variances.append(square.mean())
-        # The variance of a variance is 2 mean(sigma^4) / n for n independent values. For Gaussian noise, mean(sigma^4)
-        # is a third of the mean fourth power, even if sigma varies over the ROI.
-        independent = len(noise) * max(mask.sum() / (area * correlated), 1)
-        errors.append(2 / 3 * (square**2).mean() / independent)
-    pooled = np.mean(variances)
-    error = np.sqrt(np.sum(errors)) / len(variances)
-    return Measure(float(np.sqrt(pooled)), float(error / (2 * np.sqrt(pooled))))
+    noise = noise_contrasts(images)
+    if not mask.any():
+        raise InputError("noise magnitude needs a region in the image; there is none")
+    value = float(np.sqrt((noise**2)[:, mask].mean()))
+    return Measure(value, value / float(np.sqrt(2 * len(noise) * independent)))
 
 
 def noise_spectrum(images: np.ndarray, mask: np.ndarray, spacing: Sequence[float]) -> Spectrum:
@@ -234,12 +245,10 @@ def tile_spectrum(squares: np.ndarray, spacing: Sequence[float], correlated: flo
     rings = side // 2 + 1  # the last one ends at the Nyquist frequency of the coarser axis
     count = np.bincount(ring, minlength=rings)[:rings] * len(power)
     mean, square = (np.bincount(ring, values.sum(axis=0), rings)[:rings] for values in (power, power**2))
-    area = side**2 * (power**2).sum(axis=1).mean() / 2 / (power.sum(axis=1) ** 2).mean()
     return Spectrum(
         frequency=np.bincount(ring, radius, rings)[:rings] * len(power) / count,
         power=mean / count,
         variance=square / count**2 * correlated,  # ordinates come in equal pairs, so half of them are independent
-        area=float(area),
     )
 
 

@@ -102,6 +102,7 @@ def agreement(
     recorded: np.ndarray,
     simulated: Mapping[str, np.ndarray],
     regions: Regions,
+    independent: float = np.nan,
     *,
     reference: str | None = None,
     features: Features | None = None,
@@ -113,6 +114,8 @@ def agreement(
     simulated : mapping of str to ndarray
         Images by name of their column ("before", "after"), with any number of repeats. The floor uses the noise of the
         last one.
+    independent : float, optional
+        Independent values of the noise inside the object (image_quality.independent_values).
     reference : str, optional
         Reference ROI of contrasts; None: all pairs.
     features : Features, optional
@@ -136,7 +139,7 @@ def agreement(
     metrics, left_out = {}, {}
     makers: dict[str, Callable[[], dict]] = {
         "contrast": lambda: _ratio("HU", recorded, simulated, lambda x: contrast(x, regions.rois, reference)),
-        **_noise_makers(recorded, simulated, regions),
+        **_noise_makers(recorded, simulated, regions, independent),
         "resolution": lambda: _ratio(
             "1/mm", recorded, simulated, lambda x: mtf_half(x, regions.distance_mm, regions.spacing, regions.valid)
         ),
@@ -161,7 +164,9 @@ def _ratio(unit: str, recorded: np.ndarray, simulated: Mapping, measure: Callabl
     return entry | {"floor": float(floor) if np.isfinite(floor) else None}
 
 
-def _noise_makers(recorded: np.ndarray, simulated: Mapping, regions: Regions) -> dict[str, Callable[[], dict]]:
+def _noise_makers(
+    recorded: np.ndarray, simulated: Mapping, regions: Regions, independent: float
+) -> dict[str, Callable[[], dict]]:
     """Return the metrics of the noise, which share their spectra."""
     kept: dict[int, Spectrum] = {}
 
@@ -179,7 +184,7 @@ def _noise_makers(recorded: np.ndarray, simulated: Mapping, regions: Regions) ->
 
     def magnitude(images):
         # Differences of repeats have no structure, so the whole object can be used, which is more precise than ROIs.
-        return noise_magnitude(images, {"object": regions.inner}, spectrum(images).area)
+        return noise_magnitude(images, regions.inner, independent)
 
     return {
         "noise_magnitude": lambda: _ratio("HU", recorded, simulated, magnitude),

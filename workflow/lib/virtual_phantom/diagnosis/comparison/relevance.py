@@ -14,7 +14,7 @@ from scipy import stats
 
 from ...base.errors import InputError
 from ...statistics.comparison import ALPHA, in_sd, spread
-from ...statistics.image_quality import Measure, contrast, noise_magnitude, noise_spectrum
+from ...statistics.image_quality import contrast, independent_values, noise_magnitude
 from ...statistics.multiplicity import holm
 from ...statistics.resolution import mtf_half
 from ..fitting.fit import Fit
@@ -51,7 +51,12 @@ class ImageChange:
 
 
 def image_changes(
-    reference: np.ndarray, images: np.ndarray, regions: Regions, features: Features | None = None, paired: bool = False
+    reference: np.ndarray,
+    images: np.ndarray,
+    regions: Regions,
+    independent: float,
+    features: Features | None = None,
+    paired: bool = False,
 ) -> dict[str, ImageChange]:
     """Return the change of each quantity from reference images to other images.
 
@@ -59,6 +64,8 @@ def image_changes(
     ----------
     reference, images : ndarray, shape (repeats, z, y, x)
         HU.
+    independent : float
+        Independent values of the noise inside the object (image_quality.independent_values).
     features : Features, optional
         None: features are not compared.
     paired : bool, optional
@@ -71,9 +78,11 @@ def image_changes(
         By quantity of verdict_text.DIFFERENCES, if it can be measured: noise needs two repeats, contrast two ROIs.
     """
     measures: dict[str, Callable[[], ImageChange]] = {
-        "hu": lambda: _hu(reference, images, regions, paired),
+        "hu": lambda: _hu(reference, images, regions, independent, paired),
         "contrast_percent": lambda: _percent(reference, images, lambda x: contrast(x, regions.rois), paired),
-        "noise_percent": lambda: _percent(reference, images, lambda x: _noise(x, regions), paired),
+        "noise_percent": lambda: _percent(
+            reference, images, lambda x: noise_magnitude(x, regions.inner, independent), paired
+        ),
         "resolution_percent": lambda: _percent(
             reference, images, lambda x: mtf_half(x, regions.distance_mm, regions.spacing, regions.valid), paired
         ),
@@ -92,6 +101,7 @@ def image_changes(
 def agreement_and_changes(
     recorded: np.ndarray,
     images: Callable[[Fit], np.ndarray],
+    noise: np.ndarray | None,
     choice: Choice,
     regions: Regions,
     features: Features | None,
@@ -105,6 +115,8 @@ def agreement_and_changes(
         HU.
     images : callable
         Simulated images of a fit, all with the same noise.
+    noise : ndarray, shape (repeats, z, y, x), or None
+        Further simulated images with independent noise, for its correlation; None if the recording has no repeats.
     with_changes : bool
         Whether `practice` is part of the result (`changes_by_effect`).
 
@@ -115,9 +127,10 @@ def agreement_and_changes(
         images and of those before and after the diagnosis) and `practice`.
     """
     simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
-    found = agreement(recorded, simulated, regions, features=features)
+    independent = np.nan if noise is None else independent_values(noise, regions.inner)
+    found = agreement(recorded, simulated, regions, independent, features=features)
     if with_changes:
-        found["practice"] = changes_by_effect(recorded, simulated, images, choice, regions, features)
+        found["practice"] = changes_by_effect(recorded, simulated, images, choice, regions, independent, features)
     profiles = {name: middle_profile(stack, regions) for name, stack in {"recorded": recorded, **simulated}.items()}
     if len(profiles["recorded"][0]):
         found["profile"] = {"x_mm": profiles["recorded"][0].tolist()}
@@ -155,6 +168,7 @@ def changes_by_effect(
     images: Callable[[Fit], np.ndarray],
     choice: Choice,
     regions: Regions,
+    independent: float,
     features: Features | None,
 ) -> dict:
     """Return the differences between recording and simulation in images, and the change by each effect.
@@ -163,7 +177,7 @@ def changes_by_effect(
     ----------
     simulated : mapping of str to ndarray
         Images with alignment alone, "before", and with the chosen effects, "after"; for the rest see
-        `agreement_and_changes`.
+        `agreement_and_changes` and `image_changes`.
 
     Returns
     -------
@@ -178,7 +192,7 @@ def changes_by_effect(
     before, after, effects = simulated["before"], simulated["after"], choice.chosen.fit.effects
 
     def compared(reference: np.ndarray, others: np.ndarray, paired: bool) -> dict[str, dict[str, float]]:
-        found = image_changes(reference, others, regions, features, paired)
+        found = image_changes(reference, others, regions, independent, features, paired)
         return {name: asdict(change) for name, change in found.items()}
 
     result = {"recorded": compared(before, recorded, paired=False), "effects": {}, "together": {}}
@@ -259,15 +273,17 @@ def measured_areas(regions: Regions) -> list[np.ndarray]:
     return found
 
 
-def _hu(reference: np.ndarray, images: np.ndarray, regions: Regions, paired: bool) -> ImageChange:
+def _hu(reference: np.ndarray, images: np.ndarray, regions: Regions, independent: float, paired: bool) -> ImageChange:
     """Return the largest mean difference of an area, or the RMS inside the object if its lower limit is larger."""
     found = [_of_areas(reference, images, regions, paired)]
     if regions.inner.any():
-        found.append(_root_mean_square(reference, images, regions, paired))
+        found.append(_root_mean_square(reference, images, regions, independent, paired))
     return max(found, key=lambda change: (change.least, abs(change.value)))
 
 
-def _root_mean_square(reference: np.ndarray, images: np.ndarray, regions: Regions, paired: bool) -> ImageChange:
+def _root_mean_square(
+    reference: np.ndarray, images: np.ndarray, regions: Regions, independent: float, paired: bool
+) -> ImageChange:
     """Return the RMS of the mean difference inside the object, corrected for noise; it shows rings and streaks."""
     inside = [stack[:, regions.inner] for stack in (reference, images)]
     difference, error = _paired(*inside) if paired else _unpaired(*inside)
@@ -275,7 +291,6 @@ def _root_mean_square(reference: np.ndarray, images: np.ndarray, regions: Region
     if not np.isfinite(noise):
         return ImageChange(0.0, 0.0)  # with single repeats noise and structure cannot be distinguished
     square = max(0.0, float((difference**2).mean()) - noise)
-    independent = regions.inner.sum() / max(_area(stack, regions) for stack in (reference, images))
     value = np.sqrt(square)
     # Variances of the squared difference of independent values, and of its noise as estimated from few repeats.
     relative = 2 / independent + (0.0 if paired else 1 / (len(images) - 1) / independent)
@@ -306,18 +321,6 @@ def _percent(reference: np.ndarray, images: np.ndarray, measure: Callable, paire
     relative_error = np.hypot(first.error / first.value, second.error / second.value)
     # Paired images have the same noise.
     return ImageChange(100 * (ratio - 1), 0.0 if paired else 100 * ratio * _known(relative_error))
-
-
-def _noise(images: np.ndarray, regions: Regions) -> Measure:
-    return noise_magnitude(images, {"object": regions.inner}, _area(images, regions))
-
-
-def _area(images: np.ndarray, regions: Regions) -> float:
-    """Return the voxels per independent noise value; 1 if the object is too small for a noise spectrum."""
-    try:
-        return noise_spectrum(images, regions.inner, regions.spacing).area
-    except InputError:
-        return 1.0
 
 
 def _shift(reference: np.ndarray, images: np.ndarray, paired: bool) -> ImageChange:

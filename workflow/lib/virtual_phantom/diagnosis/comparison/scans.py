@@ -21,7 +21,8 @@ from .agreement import Features
 from .regions import ScannedVolume, complete, disc_regions, image_grid, phantom_regions
 from .relevance import agreement_and_changes
 
-NOISE = 0  # branch of the seed for simulated noise
+NOISE, CORRELATION = 0, 1  # branches of the seed for simulated noise, and for images that show its correlation
+CORRELATED_REPEATS = 8  # of these images
 
 
 def agreement_of_scans(
@@ -82,12 +83,13 @@ def agreement_of_repeats(
     except InputError as error:
         return {"metrics": {}, "left_out": {"images": str(error)}}
 
-    def images(fit: Fit) -> np.ndarray:
+    def images(fit: Fit, count: int = len(repeats), noise: int = NOISE) -> np.ndarray:
         # A new stream for each fit, so that all have the same random numbers.
-        return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(below(seed, NOISE))))
+        return reconstruct(simulated_repeats(prepared, fit, count, generator(below(seed, noise))))
 
+    noise = images(choice.chosen.fit, CORRELATED_REPEATS, CORRELATION) if len(repeats) > 1 else None
     features = Features(regions) if scanned is not None and scanned.rois else None
-    return agreement_and_changes(recorded, images, choice, regions, features, with_changes) | {
+    return agreement_and_changes(recorded, images, noise, choice, regions, features, with_changes) | {
         "algorithm": "fbp",
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
     }

@@ -269,11 +269,12 @@ def agreement_of_images(
     else:
         regions = phantom_regions(grid, valid, scanned, pose)
 
-    def images(fit: Fit) -> np.ndarray:
+    def images(fit: Fit, count: int = count) -> np.ndarray:
         return model.repeats(fit.physics, fit.nuisance, fit.linearization, count)
 
+    noise = images(choice.chosen.fit, REALIZATIONS) if len(repeats) > 1 else None
     features = None if scanned is None else Features(regions)
-    return agreement_and_changes(repeats, images, choice, regions, features, with_changes) | {
+    return agreement_and_changes(repeats, images, noise, choice, regions, features, with_changes) | {
         "algorithm": request.protocol.algorithm,
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
     }
