@@ -14,6 +14,7 @@ import contextlib
 import os
 from collections.abc import Mapping
 from functools import cache
+from itertools import product
 from multiprocessing import get_context
 
 import numpy as np
@@ -39,8 +40,9 @@ from .xcist import (
     Scan,
 )
 
-# Most rays per pixel along columns and rows. Edges of rods along z need many along the columns.
-DIVIDED = (16, 2)
+# Most rays per pixel and image along columns and rows. Edges of rods along z need many along the columns: images are
+# the mean of two with the detector displaced by these shares of the distance between rays.
+DIVIDED, DISPLACED = (16, 2), (-0.25, 0.25)
 MOST_RAYS = 2048  # in a row of an image, the limit of gVirtualXray with Mesa
 SCINTILLATOR_MM, SCINTILLATOR = 0.6, (4.51, {55: 0.5115, 53: 0.4885})  # caesium iodide: g/cm3, mass fractions
 TUNGSTEN = 74
@@ -242,13 +244,14 @@ def _transmission(scan: Scan, scanned: ScannedObject, mu_water_per_mm: float, en
             gvxr.setMonoChromatic(float(energy), "keV", 1)
             for view in range(scan.views):
                 rays = _rays(scan, view)
-                for source, detector, along in rays:
+                for (source, detector, along), share in product(rays, DISPLACED):
+                    place = detector + share * scan.column_pitch_mm / columns * along
                     gvxr.setSourcePosition(*source.tolist(), "mm")
-                    gvxr.setDetectorPosition(*detector.tolist(), "mm")
+                    gvxr.setDetectorPosition(*place.tolist(), "mm")
                     gvxr.setDetectorRightVector(*along.tolist())
                     gvxr.setDetectorUpVector(0.0, 0.0, 1.0)
                     image = np.array(gvxr.computeXRayImage()) * 1000 / energy  # the unit of energy is MeV
-                    found[view, :, :, number] += _cells(image, scan) / len(rays)
+                    found[view, :, :, number] += _cells(image, scan) / len(rays) / len(DISPLACED)
         gvxr.destroy()
     return found
 
