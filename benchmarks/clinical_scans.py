@@ -16,13 +16,13 @@ import numpy as np
 import yaml
 
 from benchmarks import common
-from benchmarks.common.xcist_surfaces import Surface, Surfaces
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.io import dicom_ct_pd as pd
 from virtual_phantom.io.dicom_export import write
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.xcist import TARGET_ANGLE_DEG, Scan, simulate
+from virtual_phantom.proof.hiding.xcist_surfaces import CYLINDER, ELLIPSOID, Surface, Surfaces
 
 DETECTOR = common.LIGHTSPEED | {"rows": 16, "surface": "cylindrical"}
 VIEWS, ROTATION_MS, PHOTONS = 246, 1000.0, 3e5  # per turn, a quarter of the scanner's 984
@@ -32,12 +32,12 @@ LEAST_READING = 1e-6  # of the air scan
 MATERIALS = {"water": "water", "plexi": "pmma", "Al": "aluminium", "air": "air"}
 # Kind, material, center and half-axes (mm) of a body of 260 x 190 mm with inserts.
 BODY = (
-    Surface("cylinder", "water", (0, 0, 0), (130, 95, 1000)),
-    Surface("cylinder", "plexi", (-70, 15, 0), (20, 20, 1000)),
-    Surface("cylinder", "Al", (75, -25, 0), (6, 6, 1000)),
-    Surface("cylinder", "air", (30, 50, 0), (14, 14, 1000)),
-    Surface("ellipsoid", "Al", (5, -40, 1), (12, 12, 5)),
-    Surface("ellipsoid", "plexi", (-20, 55, -2), (16, 16, 6)),
+    Surface(CYLINDER, "water", (0, 0, 0), (130, 95, 1000)),
+    Surface(CYLINDER, "plexi", (-70, 15, 0), (20, 20, 1000)),
+    Surface(CYLINDER, "Al", (75, -25, 0), (6, 6, 1000)),
+    Surface(CYLINDER, "air", (30, 50, 0), (14, 14, 1000)),
+    Surface(ELLIPSOID, "Al", (5, -40, 1), (12, 12, 5)),
+    Surface(ELLIPSOID, "plexi", (-20, 55, -2), (16, 16, 6)),
 )
 # The scanner: settings of the simulator, and declared parameters (value, SD; 0: exact). The bowtie's profile comes from
 # its file. The filtration hardens the central ray as the file's spectrum, 3 mm of aluminum and the bowtie's 2.6 mm do.
@@ -74,7 +74,7 @@ def case(number: int, seed: int) -> dict:
 def scanned(one: dict, number: int, seed: int):
     settings = {key: value for made, _ in SCANNER.values() for key, value in made.items()} | one["settings"]
     scan = Scan(VIEWS, kev=60.0, photons=PHOTONS, rotation_ms=ROTATION_MS, settings=settings, **DETECTOR)
-    return simulate(scan, Surfaces(BODY, rays=4), 1, branch(seed, number, 1))
+    return simulate(scan, Surfaces(BODY, cells_divided=(4, 4)), 1, branch(seed, number, 1))
 
 
 def write_dicom(taken, folder: Path) -> None:

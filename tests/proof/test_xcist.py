@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.common.xcist_surfaces import Surface, Surfaces
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.beam.materials import attenuation_per_mm as attenuation
@@ -25,6 +24,7 @@ from virtual_phantom.proof.hiding.xcist import (
     energy_of_water,
     simulate,
 )
+from virtual_phantom.proof.hiding.xcist_surfaces import CYLINDER, Surface, Surfaces
 
 KEV, PHOTONS, VIEWS = 70.0, 2e4, 24
 DETECTOR = {
@@ -266,7 +266,7 @@ def test_second_slower_lag_is_the_slow_afterglow():
     rod = ShapesScene([cylinder("water", CENTRE, RADIUS)], KEV)
     geometry = circular(views=VIEWS, view_interval_ms=1000.0 / VIEWS, exposure_ms=1e-6, **DETECTOR)
     order = Scan(views=VIEWS, kev=KEV, photons=1e8, **DETECTOR)
-    body = Surfaces((Surface("cylinder", "water", tuple(CENTRE), (RADIUS, RADIUS, 1000.0)),), rays=3)
+    body = Surfaces((Surface(CYLINDER, "water", tuple(CENTRE), (RADIUS, RADIUS, 1000.0)),), cells_divided=(3, 3))
     plain, glowing = (
         lines(simulate(replace(order, settings=settings), body, 1, np.random.SeedSequence(1)))[0]
         for settings in ({}, lag)

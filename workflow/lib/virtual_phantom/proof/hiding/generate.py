@@ -18,13 +18,12 @@ from . import gvirtualxray, xcist
 from .catalogue import GVXR, XCIST
 from .changed_object import changed
 from .faults import faulty
-from .materials import MATERIALS
 from .objects import ScannedObject, imperfect
 from .orbits import Orbit
 from .readout import read_out
 from .reconstruction import images_hu
-from .voxels import SCANNED_PER_PIXEL, fractions, grid_of
-from .xcist import TARGET_ANGLE_DEG, Acquired, Materials, Scan
+from .xcist import TARGET_ANGLE_DEG, Acquired, Scan
+from .xcist_surfaces import Surfaces
 
 LEAST_READING = 1e-6  # share of the air scan, since the logarithm needs positive values
 NOMINAL = {"anode": "W", "anode_angle_deg": TARGET_ANGLE_DEG}  # the tube of all cases
@@ -66,10 +65,7 @@ def acquire(
     attenuation = ATTENUATION[simulator](scan.kev)
     scanned = changed(imperfect(stated, imperfections, attenuation, mu_water_per_mm), scan.settings)
     if simulator == XCIST:
-        grid = grid_of(scanned, [scan], SCANNED_PER_PIXEL)
-        shares = fractions(scanned, grid, attenuation, mu_water_per_mm)
-        voxel_mm = grid.spacing[2], grid.spacing[0]
-        taken = xcist.simulate(scan, Materials(shares, voxel_mm, MATERIALS), repeats, noise)
+        taken = xcist.simulate(scan, Surfaces.of(scanned, attenuation, mu_water_per_mm), repeats, noise)
     else:
         taken = gvirtualxray.simulate(scan, scanned, mu_water_per_mm, repeats, noise)
     return read_out(

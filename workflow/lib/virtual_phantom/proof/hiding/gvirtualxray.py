@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 from ...base.errors import InputError
 from ...base.streams import Stream, generator
 from .faults import displaced_tile, refracted
-from .materials import MATERIALS, NUMBERS, Attenuation, Material
+from .materials import MATERIALS, NUMBERS, Attenuation, Material, mixed
 from .meshes import meshes
 from .objects import ScannedObject
 from .tube import heel, modulated
@@ -69,17 +69,6 @@ def attenuation_of(kev: float) -> Attenuation:
 def energy_of_water(mu_per_mm: float) -> float:
     """Return the energy at which water has an attenuation (1/mm), keV."""
     return brentq(lambda kev: _of(MATERIALS["water"], kev) - mu_per_mm, *ENERGIES_KEV)
-
-
-def composition(amounts: Mapping[str, float]) -> tuple[float, dict[int, float]]:
-    """Return density (g/cm3) and mass fractions by atomic number of a mixture of materials by volume."""
-    masses: dict[int, float] = {}
-    for name, amount in amounts.items():
-        for symbol, share in MATERIALS[name].fractions.items():
-            number = NUMBERS[symbol]
-            masses[number] = masses.get(number, 0.0) + amount * MATERIALS[name].density * share
-    density = sum(masses.values())
-    return density, {number: mass / density for number, mass in masses.items()}
 
 
 def simulate(scan: Scan, scanned: ScannedObject, mu_water_per_mm: float, repeats: int, seed: Stream) -> Acquired:
@@ -231,9 +220,10 @@ def _transmission(scan: Scan, scanned: ScannedObject, mu_water_per_mm: float, en
                 continue
             name = f"part{number}"
             gvxr.makeTriangularMesh(name, vertices.ravel().tolist(), triangles.ravel().tolist(), "mm")
-            density, fractions = composition(amounts)
-            gvxr.setMixture(name, list(fractions), list(fractions.values()))
-            gvxr.setDensity(name, density, "g/cm3")
+            made = mixed(amounts)
+            numbers = [NUMBERS[symbol] for symbol in made.fractions]
+            gvxr.setMixture(name, numbers, list(made.fractions.values()))
+            gvxr.setDensity(name, made.density, "g/cm3")
             gvxr.addPolygonMeshAsInnerSurface(name)
         gvxr.usePointSource()
         columns, rows = _divided(scan)

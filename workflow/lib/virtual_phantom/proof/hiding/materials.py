@@ -53,6 +53,16 @@ IN_LIBRARY = ("water", "pmma", "polyethylene", "aluminium", "bone")  # materials
 SOFT, DENSE, DENSE_FROM_HU = "water", "bone", 150.0  # tissues are water of another density, from here on with bone
 
 
+def mixed(amounts: Mapping[str, float]) -> Material:
+    """Return a mixture of MATERIALS; `amounts` are volume fractions times relative densities."""
+    masses: dict[str, float] = {}
+    for name, amount in amounts.items():
+        for symbol, share in MATERIALS[name].fractions.items():
+            masses[symbol] = masses.get(symbol, 0.0) + amount * MATERIALS[name].density * share
+    density = sum(masses.values())
+    return Material(density, {symbol: mass / density for symbol, mass in masses.items()})
+
+
 def mixture(mu, start: float, soft: float, dense: float):
     """Return the volume fractions of two materials with attenuation mu: the dense one begins at `start`."""
     amount = np.clip(mu - start, 0, None) / (dense - start)

@@ -8,13 +8,10 @@ import numpy as np
 
 from ...base.geometry import Grid
 from ...phantom.shapes import coverage
-from .materials import Attenuation
 from .objects import Part, ScannedObject
 from .orbits import Orbit
 
 STATED_PER_PIXEL = 3  # stated voxels per detector pixel at the isocenter
-# Scanned voxels along z and in the plane. Chi-square of the edges of a bench object: 840 with 4 per pixel, 94 with 8.
-SCANNED_PER_PIXEL = (1, 8)
 REACH = 1.3  # height of the cone beam at the object's far side over its height at the isocenter
 # Additional height for displaced rows. Rays through the end faces would differ between the simulators.
 BEYOND_MM = 6.0
@@ -52,17 +49,6 @@ def shares(scanned: ScannedObject, grid: Grid) -> list[tuple[Part, np.ndarray]]:
     inner = len(scanned.parts)
     covered[0] = np.maximum(covered[0] - sum(covered[1:inner], np.float32(0)), 0)
     return list(zip((*scanned.parts, *scanned.outside), covered, strict=True))
-
-
-def fractions(
-    scanned: ScannedObject, grid: Grid, attenuation: Attenuation, mu_water_per_mm: float
-) -> dict[str, np.ndarray]:
-    """Return {material: volume fraction times relative density}, each float32 of shape (z, y, x)."""
-    found: dict[str, np.ndarray] = {}
-    for part, share in shares(scanned, grid):
-        for name, amount in part.amounts(attenuation, mu_water_per_mm).items():
-            found[name] = found.get(name, 0) + np.float32(amount) * share
-    return found
 
 
 def stated_hu(scanned: ScannedObject, grid: Grid) -> np.ndarray:

@@ -32,7 +32,6 @@ from ...base.vectors import FLAT
 from .materials import MATERIALS, NUMBERS, Attenuation, Material
 from .orbits import Orbit
 
-CELLS_DIVIDED = (8, 2)  # columns and rows of parts of a detector cell; their transmissions are averaged
 HOOKS = "virtual_phantom.proof.hiding.hooks."
 ENERGY_BINS = 20
 TARGET_ANGLE_DEG = 7.0  # anode angle of XCIST's tabulated spectra
@@ -103,7 +102,15 @@ class Acquired:
 
 
 class ScannedObject(Protocol):
-    """An object that XCIST can scan."""
+    """An object that XCIST can scan.
+
+    Attributes
+    ----------
+    cells_divided : tuple of 2 int
+        Columns and rows of parts of a detector cell, whose transmissions are averaged.
+    """
+
+    cells_divided: tuple[int, int]
 
     def configure(self, cfg, folder: Path) -> None:
         """Set the configuration to scan this object; write its files to the folder."""
@@ -126,6 +133,7 @@ class Materials:
     fractions: dict[str, np.ndarray]
     voxel_mm: tuple[float, float]
     composed: Mapping[str, Material] = field(default_factory=dict)
+    cells_divided: tuple[int, int] = (8, 2)
 
     def configure(self, cfg, folder: Path) -> None:
         """Set the configuration to scan this object; write its files to the folder."""
@@ -322,7 +330,14 @@ def _configured(scan: Scan, materials: ScannedObject, folder: Path, current: flo
     physics.enableElectronicNoise = int("electronic_photons" in settings)
     scanner.eNoise = settings.get("electronic_photons", 0.0) * quantum_kev
     cfg.hooks = SimpleNamespace(
-        **settings, cells_divided=CELLS_DIVIDED, views=[], lag=[None], current=1.0, repeats=1, quanta=None, photons=None
+        **settings,
+        cells_divided=materials.cells_divided,
+        views=[],
+        lag=[None],
+        current=1.0,
+        repeats=1,
+        quanta=None,
+        photons=None,
     )
     return cfg
 

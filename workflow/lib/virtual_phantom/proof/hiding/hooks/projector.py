@@ -1,13 +1,14 @@
 """XCIST's projection on subdivided detector cells, with averaged transmissions.
 
-XCIST's distance-driven projector averages path lengths over a cell, while a detector adds up photons. Smaller cells
-reduce the difference.
+Of voxels, XCIST's distance-driven projector averages path lengths over a cell, while a detector adds up photons; of
+surfaces, it traces single rays. Smaller cells reduce the error.
 """
 
 import copy
 
 import numpy as np
-from gecatsim.pyfiles.C_Projector_SetData import set_detector_voxelized
+from gecatsim.pyfiles.C_Projector_Analytic import C_Projector_Analytic
+from gecatsim.pyfiles.C_Projector_SetData import set_detector_analytic, set_detector_voxelized, set_source_analytic
 from gecatsim.pyfiles.C_Projector_Voxelized import C_Projector_Voxelized
 from gecatsim.pyfiles.Detector_ThirdgenCurved import Detector_ThirdgenCurved
 
@@ -18,19 +19,23 @@ from .source import seen
 def projector(cfg, view, subview):
     """Multiply `cfg.thisSubView`, shape (cells, energies), by the mean transmission over each cell."""
     by_column, by_row = cfg.hooks.cells_divided
+    of_surfaces = cfg.phantom.callback == "Phantom_Analytic"
     if view == cfg.sim.startViewId and subview == 0:
         cfg.hooks.fine = _divided(cfg, by_column, by_row)
-        set_detector_voxelized(cfg.hooks.fine)  # XCIST's C library projects onto these cells from here on
+        # XCIST's C library projects onto these cells from here on.
+        (set_detector_analytic if of_surfaces else set_detector_voxelized)(cfg.hooks.fine)
     fine, scanner = cfg.hooks.fine, cfg.scanner
     finer = copy.copy(cfg)
     finer.detNew = copy.copy(cfg.detNew)
-    finer.detNew.totalNumCells = fine.det.totalNumCells
+    finer.detNew.totalNumCells, finer.detNew.startIndices = fine.det.totalNumCells, fine.det.startIndices
     finer.thisSubView = np.ones((fine.det.totalNumCells, cfg.spec.nEbin), np.float32)
+    project = C_Projector_Analytic if of_surfaces else C_Projector_Voxelized
     if cfg.hooks.beside_mm:  # off-focal points, which not every cell sees: weights per cell
         finer.srcNew = copy.copy(cfg.srcNew)
         cells = np.repeat(seen(cfg, by_column), scanner.detectorRowCount * by_row, axis=1)
         finer.srcNew.weights = (cfg.src.weights[0][:, None] * cells)[None, :, :, None]
-    transmission = C_Projector_Voxelized(finer, view, subview).thisSubView
+        project = _by_points if of_surfaces else project
+    transmission = project(finer, view, subview).thisSubView
     settings = vars(cfg.hooks)
     if shift := settings.get("tile_px", 0.0):
         columns = transmission.reshape(scanner.detectorColCount * by_column, -1)
@@ -41,6 +46,20 @@ def projector(cfg, view, subview):
     if cfg.hooks.beside_mm:  # already part of the flux
         mean = mean / cfg.hooks.open
     cfg.thisSubView = cfg.thisSubView * mean
+    return cfg
+
+
+def _by_points(cfg, view, subview):
+    """Project surfaces from every point of the source: XCIST's weights of points are the same for all cells."""
+    weights, total = cfg.srcNew.weights[0, :, :, 0], 0.0
+    for point, weight in zip(cfg.srcNew.samples, weights, strict=True):
+        one = copy.copy(cfg)
+        one.srcNew, one.thisSubView = copy.copy(cfg.srcNew), np.ones_like(cfg.thisSubView)
+        one.srcNew.samples, one.srcNew.nSamples, one.srcNew.weights = point[None], 1, np.ones((1, 1))
+        one.src = one.srcNew
+        set_source_analytic(one)
+        total = total + weight[:, None] * C_Projector_Analytic(one, view, subview).thisSubView
+    cfg.thisSubView = cfg.thisSubView * total
     return cfg
 
 
