@@ -8,6 +8,7 @@ not rewritten yet.
 import ast
 import inspect
 import io
+import itertools
 import json
 import re
 import sys
@@ -147,8 +148,18 @@ def python(text: str) -> Iterator[Text]:
             yield from message(node.lineno, _text(node))
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in docstrings:
             yield from () if id(node) in parts else message(node.lineno, node.value)
-    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
-    yield from comments((*token.start, token.string) for token in tokens if token.type == tokenize.COMMENT)
+    yield from comments(_comments(text, [node.end_lineno for node in nodes[0].body]))
+
+
+def _comments(text: str, ends: list[int]) -> Iterator[tuple[int, int, str]]:
+    """Comments (line, column, text). Statements that end in these lines are read only if they contain `#`."""
+    lines = text.split("\n")
+    for first, last in itertools.pairwise([0, *ends, len(lines)]):
+        statement = "\n".join(lines[first:last])
+        if "#" in statement:
+            for token in tokenize.generate_tokens(io.StringIO(statement).readline):
+                if token.type == tokenize.COMMENT:
+                    yield first + token.start[0], token.start[1], token.string
 
 
 def _docstring(node: ast.AST) -> ast.Constant | None:

@@ -1,11 +1,12 @@
 """Dependencies of a script are the files that Python loads; their version follows the code and not the text."""
 
 import ast
+import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+import warm
 
 from virtual_phantom.config import dependencies
 from virtual_phantom.config.dependencies import LIBRARY, RESULT_NEUTRAL_MODULES, code_version, files_behind, imported
@@ -19,14 +20,15 @@ SCRIPTS = LIBRARY.parents[1] / "scripts"
 )
 def test_no_loaded_module_is_missed(module, tmp_path):
     """Compare with the modules of an interpreter after the import."""
-    script = tmp_path / "script.py"
+    script, report = tmp_path / "script.py", tmp_path / "report.py"
     script.write_text(f"import virtual_phantom.{module}\n")
-    report = (
-        "import sys; print(*(m.__file__ for n, m in sys.modules.items() if n.startswith('virtual_phantom')), sep='\\n')"
+    report.write_text(
+        "import script, sys\n"
+        "print(*(m.__file__ for n, m in sys.modules.items() if n.startswith('virtual_phantom')), sep='\\n')\n"
     )
     loaded = subprocess.run(
-        [sys.executable, "-c", f"{script.read_text()}\n{report}"],
-        env={"PYTHONPATH": str(LIBRARY.parent)},
+        [warm.python(), report],
+        env=os.environ | {"PYTHONPATH": str(LIBRARY.parent)},
         capture_output=True,
         text=True,
         check=True,

@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import warm
 from scipy.io import savemat
 
 import virtual_phantom
@@ -74,7 +75,8 @@ def installed(tmp_path_factory):
 
 def test_study_in_a_few_lines(installed, tmp_path):
     assert len([line for line in STUDY.splitlines() if line and not line.startswith(("import", "from"))]) <= 20
-    *rois, place = run(sys.executable, "-c", STUDY, cwd=tmp_path, PYTHONPATH=str(installed)).splitlines()
+    (tmp_path / "study.py").write_text(STUDY)
+    *rois, place = run(warm.python(), "study.py", cwd=tmp_path, PYTHONPATH=str(installed)).splitlines()
     assert Path(place).is_relative_to(installed)
     assert len(rois) == 6
     for name, measured, true in map(str.split, rois):
@@ -116,6 +118,6 @@ def test_importer_is_a_command(installed, tmp_path):
     sinogram = [[0.5] * 112 for _ in views["angles"]]
     content = {"type": "2d", "sinogram": sinogram, "parameters": {**geometry, **views}}
     savemat(tmp_path / "s.mat", {"CtDataFull": content})
-    words = (sys.executable, str(installed / "bin" / name), "htc2022", "s.mat", "disc")
+    words = (warm.python(), str(installed / "bin" / name), "htc2022", "s.mat", "disc")
     assert "disc: projections, 1 repeat\n" in run(*words, cwd=tmp_path, PYTHONPATH=str(installed))
     assert (tmp_path / "disc" / "recording.yaml").exists()

@@ -7,6 +7,7 @@ import ast
 import io
 import tokenize
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 LIBRARY = Path(__file__).resolve().parents[2] / "workflow" / "lib" / "virtual_phantom"
@@ -82,6 +83,7 @@ def comments_of(text: str) -> dict[int, str]:
     return {one.start[0]: one.string.lstrip("# ") for one in tokens if one.type == tokenize.COMMENT}
 
 
+@cache
 def every_threshold() -> dict[str, list[Threshold]]:
     """Return the thresholds of each package in SECTIONS."""
     return {

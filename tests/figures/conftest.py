@@ -79,7 +79,7 @@ def stability(rng):
     return table
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def overlap():
     """All list lengths of 86. Discriminative power has the band of independent features, stability a wider one."""
     from scipy.stats import hypergeom

@@ -16,7 +16,7 @@ def assert_text_fits(figure):
     """Fail if text is cut off at the figure's edges or smaller than SMALLEST_POINTS."""
     with style.styled():
         canvas = FigureCanvasAgg(figure)
-        canvas.draw()
+        figure.draw_without_rendering()  # positions of the layout
         tight = figure.get_tightbbox(canvas.get_renderer())
     assert tight.x0 >= -0.02 and tight.y0 >= -0.02, tight
     assert tight.x1 <= figure.get_figwidth() + 0.02 and tight.y1 <= figure.get_figheight() + 0.02, tight

@@ -14,7 +14,9 @@ from virtual_phantom.projectors.processors import ANY, AVX2, AVX512, KINDS, avai
 
 HERE = Path(__file__).resolve().parent
 # Tests of a single realization against independent truths, its transpose, many realizations and guard pages.
-TRUTHS = "ellipsoid or test_adjoint or single_lane or beyond_arrays or astra"
+TRUTHS = "test_cpu and (ellipsoid or test_adjoint or single_lane or beyond_arrays or astra)"
+# Test of the scenes' kernel, for all rows at once, against the one for single rows.
+SCENES = "test_scene and path_lengths"
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -35,30 +37,22 @@ def run(command, variables):
 
 
 def test_all_kinds_give_equal_projections(variables, tmp_path):
+    if variables.get("NUMBA_CPU_NAME") is None:
+        pytest.skip("this processor's own kind: test_cpu.py itself")
     run([HERE / "one_alone.py", tmp_path / "made.npz"], variables)
     there = np.load(tmp_path / "made.npz")
     for i, case in enumerate(CASES):
-        for j, here in enumerate(projected(case, 2)):
+        for j, here in enumerate(projected(case, 3)):
             assert here.any()
             np.testing.assert_allclose(there[f"{i}-{j}"], here, atol=3e-6 * here.max(), err_msg=f"{case}, {j}")
 
 
 def test_truths_apply_to_all_kinds(variables):
     if variables.get("NUMBA_CPU_NAME") is None:
-        pytest.skip("this processor's own kind: test_cpu.py itself")
-    output = run(["-m", "pytest", "-x", "-p", "no:xdist", HERE / "test_cpu.py", "-k", TRUTHS], variables)
-    assert int(re.search(r"(\d+) passed", output)[1]) >= 13
-
-
-def test_scenes_have_equal_path_lengths_on_all_kinds(variables):
-    """The scenes' kernel, for all rows at once, against the one for single rows."""
-    if variables.get("NUMBA_CPU_NAME") is None:
-        pytest.skip("this processor's own kind: test_scene.py itself")
-    output = run(
-        ["-m", "pytest", "-x", "-p", "no:xdist", HERE.parent / "physics" / "test_scene.py", "-k", "path_lengths"],
-        variables,
-    )
-    assert int(re.search(r"(\d+) passed", output)[1]) >= 6
+        pytest.skip("this processor's own kind: test_cpu.py and test_scene.py themselves")
+    files = (HERE / "test_cpu.py", HERE.parent / "physics" / "test_scene.py")
+    output = run(["-m", "pytest", "-x", "-p", "no:xdist", *files, "-k", f"({TRUTHS}) or ({SCENES})"], variables)
+    assert int(re.search(r"(\d+) passed", output)[1]) >= 13 + 6
 
 
 def test_process_uses_the_selected_kind(variables, request):

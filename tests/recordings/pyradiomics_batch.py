@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import SimpleITK as sitk
+import warm
 import yaml
 
 PYRADIOMICS = Path(sys.executable).with_name("pyradiomics")
@@ -24,7 +25,7 @@ def batch(rows, out, setting=None, image_types=("Original",)):
     pd.DataFrame(rows).to_csv(cases, index=False)
     content = {"imageType": {name: {} for name in image_types}, "featureClass": CLASSES, "setting": setting or SAME}
     parameters.write_text(yaml.safe_dump(content))
-    command = [PYRADIOMICS, cases, "--param", parameters, "--format", "csv", "--out", out]
+    command = [warm.python(), PYRADIOMICS, cases, "--param", parameters, "--format", "csv", "--out", out]
     process = subprocess.run([str(one) for one in command], capture_output=True, text=True)
     assert process.returncode == 0, process.stderr
     cases.unlink()

@@ -30,22 +30,30 @@ CENTRE = phantom_files.CENTRE
 REAL = ROOT / "../shared/real/abdomen_ct"
 
 
-@pytest.fixture
-def desk(tmp_path, monkeypatch):
-    """A working folder with the default configuration, a CT and its regions in every form."""
-    monkeypatch.chdir(tmp_path)
-    Path("config").mkdir()
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A folder with the default configuration, a CT and its regions in every form."""
+    folder = tmp_path_factory.mktemp("files")
+    (folder / "config").mkdir()
     for name in ("config.yaml", "paper_groups.yaml"):
-        shutil.copy(ROOT / "config" / name, "config")
+        shutil.copy(ROOT / "config" / name, folder / "config")
     slices = phantom_files.ct_slices()
-    phantom_files.write_series(slices, Path("dicom"))
-    phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz")
-    phantom_files.write_nifti_array(labelled(), "labels.nii.gz", flip_y=True)
-    phantom_files.write_seg(slices, "seg.dcm")
-    phantom_files.write_rtstruct("rtstruct.dcm")
-    Path("masks").mkdir()
+    phantom_files.write_series(slices, folder / "dicom")
+    phantom_files.write_nifti_array(phantom_files.object_hu(), folder / "ct.nii.gz")
+    phantom_files.write_nifti_array(labelled(), folder / "labels.nii.gz", flip_y=True)
+    phantom_files.write_seg(slices, folder / "seg.dcm")
+    phantom_files.write_rtstruct(folder / "rtstruct.dcm")
+    (folder / "masks").mkdir()
     for name in phantom_files.BALLS:
-        phantom_files.write_nifti_array(phantom_files.ball(name).astype(np.uint8), f"masks/{name}.nii.gz")
+        phantom_files.write_nifti_array(phantom_files.ball(name).astype(np.uint8), folder / "masks" / f"{name}.nii.gz")
+    return folder
+
+
+@pytest.fixture
+def desk(files, tmp_path, monkeypatch):
+    """A working folder with a copy of these files."""
+    shutil.copytree(files, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
 
 
 def labelled():
