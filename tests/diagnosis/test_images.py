@@ -158,16 +158,17 @@ def test_no_hidden_effect_is_a_match(scene):
 
 
 @pytest.mark.parametrize(
-    "name, key, value",
+    "name, key, value, seeds",
     [
-        ("reconstruction_kernel", "sigma_mm", 2.5),
-        ("hu_calibration", "offset_hu", 12.0),
-        ("slice_thickness", "thickness_mm", 7.0),
-        ("photon_flux", None, None),
-        ("scatter", "amount", 0.03),
+        ("reconstruction_kernel", "sigma_mm", 2.5, (1,)),
+        # In one realization, noise common to the halves can look like half of a faint effect.
+        ("hu_calibration", "offset_hu", 12.0, (1, 2, 3)),
+        ("slice_thickness", "thickness_mm", 7.0, (1,)),
+        ("photon_flux", None, None, (1,)),
+        ("scatter", "amount", 0.03, (1,)),
     ],
 )
-def test_hidden_effect_is_named(scene, name, key, value):
+def test_hidden_effect_is_named(scene, name, key, value, seeds):
     effect = load(name)
     key = key or effect.parameters[0].name
     values = {
@@ -176,16 +177,14 @@ def test_hidden_effect_is_named(scene, name, key, value):
     }
     values[key] = 0.6 if value is None else value
     removed = []
-    for seed in (1, 2, 3):
+    for seed in seeds:
         content = found(prepared(scene, {name: values}, seed), dict.fromkeys([*CANDIDATES, name])).content
         named = {effect["name"]: effect["parameters"] for effect in content["effects"]}
         assert list(named)[:1] == [name], content["sentence"]
         low, high = named[name][key]["ci95"]
         assert low - (high - low) / 2 < values[key] < high + (high - low) / 2
         removed.append(content["excess_removed"])
-    assert (
-        np.median(removed) > 0.9
-    )  # in one realization, noise common to the halves can look like half of a faint effect
+    assert np.median(removed) > 0.9
 
 
 def test_gain_errors_of_detector_elements_are_named_as_rings(scene):
