@@ -151,23 +151,24 @@ CANDIDATES = ("hu_calibration", "reconstruction_kernel", "photon_flux")
 def test_no_hidden_effect_is_a_match(scene):
     prepared_data = prepared(scene, {})
     assert prepared_data.photons == pytest.approx(PHOTONS, rel=0.15)
-    content = found(prepared_data, CANDIDATES).content
-    assert content["verdict"] == "match", content["sentence"]
+    content = found(prepared_data, (*CANDIDATES, "rings")).content
+    assert content["verdict"] == "match" and content["effects"] == [], content["sentence"]
     rms = content["held_out"]["rms_hu"]
     assert rms["before"] == pytest.approx(rms["floor"], rel=0.05)
 
 
 @pytest.mark.parametrize(
-    "name, key, value",
+    "name, key, value, seeds",
     [
-        ("reconstruction_kernel", "sigma_mm", 2.5),
-        ("hu_calibration", "offset_hu", 12.0),
-        ("slice_thickness", "thickness_mm", 7.0),
-        ("photon_flux", None, None),
-        ("scatter", "amount", 0.03),
+        ("reconstruction_kernel", "sigma_mm", 2.5, (1,)),
+        # In one realization, noise common to the halves can look like half of a faint effect.
+        ("hu_calibration", "offset_hu", 12.0, (1, 2, 3)),
+        ("slice_thickness", "thickness_mm", 7.0, (1,)),
+        ("photon_flux", None, None, (1,)),
+        ("scatter", "amount", 0.03, (1,)),
     ],
 )
-def test_hidden_effect_is_named(scene, name, key, value):
+def test_hidden_effect_is_named(scene, name, key, value, seeds):
     effect = load(name)
     key = key or effect.parameters[0].name
     values = {
@@ -176,28 +177,25 @@ def test_hidden_effect_is_named(scene, name, key, value):
     }
     values[key] = 0.6 if value is None else value
     removed = []
-    for seed in (1, 2, 3):
+    for seed in seeds:
         content = found(prepared(scene, {name: values}, seed), dict.fromkeys([*CANDIDATES, name])).content
         named = {effect["name"]: effect["parameters"] for effect in content["effects"]}
         assert list(named)[:1] == [name], content["sentence"]
         low, high = named[name][key]["ci95"]
         assert low - (high - low) / 2 < values[key] < high + (high - low) / 2
         removed.append(content["excess_removed"])
-    assert (
-        np.median(removed) > 0.9
-    )  # in one realization, noise common to the halves can look like half of a faint effect
+    assert np.median(removed) > 0.9
 
 
 def test_gain_errors_of_detector_elements_are_named_as_rings(scene):
-    """The truth is a gain of every element in the projections, and nothing is named without it."""
-    named, images = [], []
-    for rms in (0.0, 0.008):
-        physics = {"gain_pattern": {"rms": rms, "detector": 5.0}}
-        prepared_data = prepared(scene, physics)
-        diagnosis = found(prepared_data, (*CANDIDATES, "rings"))
-        named.append([effect["name"] for effect in diagnosis.content["effects"]])
-        images.append(reconstruct(Chain(scene, GEOMETRY, PHOTONS).state(physics).line_integrals()[None])[0])
-    assert named == [[], ["rings"]]
+    """The truth is a gain of every element in the projections; test_no_hidden_effect_is_a_match has none."""
+    physics = {"gain_pattern": {"rms": 0.008, "detector": 5.0}}
+    prepared_data = prepared(scene, physics)
+    diagnosis = found(prepared_data, (*CANDIDATES, "rings"))
+    assert [effect["name"] for effect in diagnosis.content["effects"]] == ["rings"]
+    images = [
+        reconstruct(Chain(scene, GEOMETRY, PHOTONS).state(one).line_integrals()[None])[0] for one in ({}, physics)
+    ]
     data = prepared_data.data
     rings = data.pattern_field(diagnosis.choice.chosen.fit.pattern)
     used = data.usable & (rings != 0)

@@ -25,7 +25,7 @@ def of_voxels(found):
 def test_missing_spectrum_is_named(tmp_path):
     """No single material could replace it: the additional attenuation by aluminum depends on the spectrum."""
     folder = bench(tmp_path, {"spectrum": SPECTRUM})
-    path = drawn(tmp_path / "labels.nii.gz", 0.2)
+    path = drawn(tmp_path / "labels.nii.gz", 0.4)
     found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["spectrum", "scatter"], check_setup=False)
     (effect,) = found.content["effects"]
     assert effect["name"] == "spectrum", found.content["sentence"]
@@ -35,7 +35,7 @@ def test_missing_spectrum_is_named(tmp_path):
 
 def test_correct_object_passes_the_check_and_another_fails(tmp_path):
     folder = bench(tmp_path, {})
-    path = drawn(tmp_path / "labels.nii.gz", 0.5)
+    path = drawn(tmp_path / "labels.nii.gz", 1.0)
     found = vp.diagnose(folder, labels=(path, MATERIALS), samples=1, effects=["scatter"])
     assert found.content["setup"]["kind"] == "as stated"
     other = vp.diagnose(folder, labels=(path, {1: "polyethylene", 2: "nothing"}), samples=1, effects=["scatter"])

@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from ...base.geometry import OrbitGeometry
+from ...physics.scenes.sampling import SupersampledScan, average_rays
 from ...physics.scenes.scene import Pose
 from ...recordings.scan import scan_geometry
 from ..fitting.nuisance import LOCATION, PLACE, POSES
@@ -422,16 +423,14 @@ class Comparison:
         pose = Pose(**{name: place[name] for name in POSES if name in place})
         drift = [place.get(f"drift_{axis}_mm", 0.0) for axis in "xyz"]
         motion = np.outer(geometry.view_times / geometry.views, drift) if any(drift) else None
-        transmitted = 0.0
-        for row, column in product(down, across):
-            moved = replace(
-                geometry,
-                row_offset_px=geometry.row_offset_px + row + place.get("rows_px", 0.0) * parts[0],
-                column_offset_px=geometry.column_offset_px + column + place.get("columns_px", 0.0) * parts[1],
-            )
-            paths = self._scene.path_lengths(moved, pose, motion)
-            transmitted = transmitted + np.exp(-np.tensordot(self._mu, paths.astype(np.float64), 1))
-        return -np.log(transmitted / (len(down) * len(across)))
+        moved = replace(
+            geometry,
+            row_offset_px=geometry.row_offset_px + place.get("rows_px", 0.0) * parts[0],
+            column_offset_px=geometry.column_offset_px + place.get("columns_px", 0.0) * parts[1],
+        )
+        paths = self._scene.path_lengths(SupersampledScan(moved, tuple(across), tuple(down)), pose, motion)
+        transmitted = np.exp(-np.tensordot(self._mu, paths.astype(np.float64), 1))
+        return -np.log(average_rays(transmitted, np.full((len(down), len(across)), 1 / (len(down) * len(across)))))
 
     def _left(self, rays: Rays, place: Mapping[str, float]) -> _Left:
         mean, weight, simulated = rays.mean, rays.weight, self._simulated(rays, place)
