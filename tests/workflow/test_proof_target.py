@@ -12,12 +12,12 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.settings import FitSettings
 
 # A quick diagnosis: the fault that the library lacks shows in the object, few views, no pair, and a seed whose case
-# without a hidden effect is a disc. XCIST is too inexact in wider pixels.
+# without a hidden effect is a disc.
 QUICK = {
     "seed": 2040,
     "pairs": 0,
     "unknown_kinds": ["wrong_insert"],
-    "scan": {"columns": 80, "views": 24},
+    "scan": {"columns": 60, "views": 24},
     "held_out_protocol": {"views": 24},
 }
 STEPS = ("seals.json", "score.json", "score.html", "figures/confusion.png", "figures/before_after.pdf")
