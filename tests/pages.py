@@ -93,6 +93,15 @@ def copy_project(root: Path, folder: Path) -> None:
             shutil.copy2(root / name, folder / name)
 
 
+def share_kernels(root: Path, folder: Path) -> None:
+    """Let a copy of the project use the folder of compiled kernels of the project, whose names are hashes of code."""
+    project, copy = (path / "workflow" / "lib" / "virtual_phantom" / "__pycache__" for path in (root, folder))
+    for path in (project / "kernels", copy):
+        path.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(copy / "kernels", ignore_errors=True)
+    (copy / "kernels").symlink_to(project / "kernels")
+
+
 def run(commands: str, folder: Path) -> str:
     """Run commands with bash in `folder`, a copy of the project, and return their output. Fail if a command fails.
 

@@ -13,13 +13,13 @@ from virtual_phantom.report.words import DOMAINS, describe_nuisance
 
 CONCEALED = {"reconstruction_kernel": {"sigma_mm": 4.0}}
 STUDY = {
-    "grid": {"shape": [12, 64, 64], "spacing_mm": [8.0, 4.7, 4.7]},
+    "grid": {"shape": [12, 56, 56], "spacing_mm": [8.0, 5.4, 5.4]},
     "noise": {
         "model": "physical",
-        "levels": {"bench": {"A": 1.0e-5, "repeats": 4}, "low": {"A": 3.0e-6, "repeats": 3}},
+        "levels": {"bench": {"A": 1.0e-5, "repeats": 3}, "low": {"A": 3.0e-6, "repeats": 3}},
     },
     "scan": {"trajectory": "circular", "columns": 68, "rows": 16, "column_pitch_mm": 9.5, "row_pitch_mm": 12.0},
-    "protocols": {"bench": {"algorithm": "fbp", "projections": 40}},
+    "protocols": {"bench": {"algorithm": "fbp", "projections": 32}},
     "analyses": {"noise_calibration": {"protocols": ["bench"], "noise": ["low", "bench"]}},
 }
 
@@ -28,7 +28,7 @@ STUDY = {
 def scanner(tmp_path_factory):
     """A folder with the recording `scanner` and its diagnosis under `results`."""
     folder = tmp_path_factory.mktemp("scanner")
-    images = [f"{folder}/made/images/bench/bench/seed{seed:02d}.nii.gz" for seed in range(4)]
+    images = [f"{folder}/made/images/bench/bench/seed{seed:02d}.nii.gz" for seed in range(3)]
     process = tiny(
         folder / "made", *images, overlay={**STUDY, "physics": CONCEALED}, config_folder=folder / "concealed"
     )

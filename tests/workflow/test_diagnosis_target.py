@@ -21,12 +21,13 @@ from virtual_phantom.study.progress.status import duration_range
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
 OF_SCANNER = ["bench", "second", "third"]
 EFFECTS = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]
-BENCH = {"effects": EFFECTS, "object_exact": True}
-# The scanned object is the phantom of the study itself. The set-up is checked for bench.
-QUICK = {"samples": 1, "effects": ["scatter"], "view_step": 3, "check_setup": False, "object_exact": True}
-VIEWS, ROWS, COLUMNS = 60, 12, 68
+# The scanned object is the phantom of the study itself. The set-up is checked for `wrong`.
+BENCH = {"effects": EFFECTS, "object_exact": True, "check_setup": False}
+QUICK = {"samples": 1, "effects": ["scatter"], "view_step": 2, "check_setup": False, "object_exact": True}
+VIEWS, ROWS, COLUMNS = 40, 12, 68
 SCAN = {"trajectory": "circular", "columns": COLUMNS, "rows": ROWS, "column_pitch_mm": 9.5, "row_pitch_mm": 16.0}
 STUDY = {
+    "grid": {"shape": [12, 64, 64], "spacing_mm": [8.0, 4.7, 4.7]},
     "noise": {"model": "physical", "levels": {"bench": {"A": 1.0e-5, "repeats": 4}}},
     "scan": SCAN,
     "protocols": {"bench": {"algorithm": "fbp", "projections": VIEWS}},
@@ -47,6 +48,7 @@ def bench(tmp_path_factory):
     process = tiny(made, *targets, overlay=hidden, config_folder=folder / "concealed")
     assert process.returncode == 0, process.stderr[-4000:]
     import_study(made / "projections" / label / "bench", folder / "bench")
+    shutil.copytree(made / "phantom", folder / "results" / "phantom")
     process = diagnosis(folder)
     assert process.returncode == 0, process.stderr[-4000:]
     (folder / "said").write_text(process.stdout)
@@ -111,7 +113,7 @@ def test_time_is_stated_before_the_fits_and_by_the_plan(bench):
     (time_line,) = re.findall(
         r"^diagnosis of bench: .* with 2 processes \(CPU time (.*); (.*)\)$", (bench / "said").read_text(), re.M
     )
-    assert time_line[1] == "4 effects, 49 thousand rays"  # 60 views of 12 x 68 pixels, one ray each
+    assert time_line[1] == "4 effects, 33 thousand rays"  # 40 views of 12 x 68 pixels, one ray each
     log = (bench / "results" / "logs" / "diagnosis" / "bench" / "diagnose.log").read_text()
     assert log.index("diagnosis of bench: ") < log.index("fitted the alignment")
     assert not [path for path in (bench / "results" / "logs").rglob(".*") if path.suffix == ".now"]
@@ -120,7 +122,7 @@ def test_time_is_stated_before_the_fits_and_by_the_plan(bench):
     (forecast,) = json.loads((bench / "results" / "plan.json").read_text())["diagnoses"]
     assert forecast["rays"] == VIEWS * ROWS * COLUMNS and forecast["effects"] == 4
     assert time_line[0] == duration_range(*forecast["cpu_seconds"])
-    assert re.search(rf"^bench +4 +49 thousand rays +2 +{duration_range(*forecast['seconds'])}$", process.stdout, re.M)
+    assert re.search(rf"^bench +4 +33 thousand rays +2 +{duration_range(*forecast['seconds'])}$", process.stdout, re.M)
 
 
 def test_its_physics_is_an_overlay_that_the_study_accepts(bench):
@@ -143,7 +145,7 @@ def twin(bench, *arguments, of="bench"):
         "protocols": {
             **{f"{kind}_{views}": None for kind in ("sirt", "fbp") for views in (150, 200, 250, 300, 450)},
             "bench": {"algorithm": "fbp", "projections": VIEWS, "group": 1},
-            "fewer": {"algorithm": "fbp", "projections": 48, "group": 2},
+            "fewer": {"algorithm": "fbp", "projections": 32, "group": 2},
         },
         "analyses": {
             **dict.fromkeys(("optimal", "noise_calibration", "pca", "extraction")),
@@ -198,7 +200,7 @@ def diagnosis_of_more(bench, target, second=QUICK):
         "diagnosis": {
             "recordings": {
                 "bench": {"samples": 1, **BENCH},
-                "again": {"samples": 1, **BENCH, "baseline_from": "bench", "check_setup": False},
+                "again": {"samples": 1, **BENCH, "baseline_from": "bench"},
                 "second": second,
                 "third": QUICK,
             },

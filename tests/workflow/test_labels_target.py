@@ -19,11 +19,11 @@ def folder(tmp_path_factory):
 
 def diagnosis(folder, *arguments):
     object_ = {"labels": str(folder / "labels.nii.gz"), "materials": MATERIALS}
+    # tests/diagnosis/test_labelled_diagnosed.py checks the set-up of this scan.
+    diagnosed = {"effects": ["spectrum", "scatter"], "object": object_, "object_exact": True, "check_setup": False}
     overlay = {
         "recordings": {"bench": str(folder / "bench")},
-        "diagnosis": {
-            "recordings": {"bench": {"effects": ["spectrum", "scatter"], "object": object_, "object_exact": True}}
-        },
+        "diagnosis": {"recordings": {"bench": diagnosed}},
     }
     return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, config_folder=folder / "overlay")
 

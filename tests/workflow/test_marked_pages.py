@@ -4,7 +4,7 @@ import json
 import shutil
 
 import pytest
-from pages import blocks, copy_project, follow, marked, run
+from pages import blocks, copy_project, follow, marked, run, share_kernels
 from workflow_runs import ROOT
 
 DOCS, REAL = ROOT / "docs", ROOT / "../shared/real"
@@ -20,6 +20,7 @@ def finished(study, tmp_path_factory):
     """A copy of the project with a completed tiny study in Snakemake's records."""
     folder = tmp_path_factory.mktemp("pages") / "finished"
     copy_project(ROOT, folder)
+    share_kernels(ROOT, folder)
     shutil.copytree(study, folder / "results-tiny")
     # Snakemake does not know these results yet: touching everything records them.
     run("snakemake --touch --forceall --cores 2 --configfile config/tiny.yaml", folder)
@@ -29,7 +30,7 @@ def finished(study, tmp_path_factory):
 @pytest.mark.parametrize("page", marked(DOCS), ids=lambda page: page.stem)
 def test_page_has_its_stated_results(page, finished, tmp_path):
     name, folder = page.relative_to(DOCS).as_posix(), tmp_path / "project"
-    shutil.copytree(finished, folder)
+    shutil.copytree(finished, folder, symlinks=True)
     if name in GIVEN:
         source, path = GIVEN[name]
         if not (REAL / source).exists():

@@ -29,7 +29,7 @@ PLACES = {f"{name}_{kind}": (name, kind) for name in BALLS for kind in ("labels"
 MOVED = (20.0, -10.0, 7.0)  # isocenter of the scanner that records its images: (0, 0, 0) minus this
 STUDY = {
     "grid": {"shape": [14, 34, 42], "spacing_mm": [3.0, 2.0, 2.0]},
-    "scan": {"columns": 100, "column_pitch_mm": 2.4, "rows": 30, "row_pitch_mm": 4.0},
+    "scan": {"columns": 76, "column_pitch_mm": 2.4, "rows": 18, "row_pitch_mm": 4.0},
     "measured": {"overlay": False},
     "noise": {"levels": {"dose10": {"A": 1.0e-6}}},
     "protocols": {"sirt_300": None, "fbp_300": None},
@@ -150,8 +150,14 @@ def measured(made, overlay):
 
 
 def test_recording_in_another_world_is_aligned(measured):
-    found = json.loads((measured / "recordings" / "scanner" / "alignment.json").read_text())
-    np.testing.assert_allclose(found["translation_mm"], -np.add(CENTRE, MOVED), atol=0.3)
+    folder = measured / "recordings" / "scanner"
+    found = json.loads((folder / "alignment.json").read_text())
+    np.testing.assert_allclose(found["translation_mm"], -np.add(CENTRE, MOVED), atol=0.05)
+    assert found["rois_from"] == "phantom"
+    original, carried = (pd.read_csv(place / "rois.csv") for place in (measured / "phantom", folder))
+    assert carried["roi"].tolist() == original["roi"].tolist()
+    assert carried["n_voxels"].tolist() == pytest.approx(original["n_voxels"].tolist(), rel=0.05)
+    assert (measured / "figures" / "alignment_scanner.png").stat().st_size > 10_000
 
 
 def test_comparison_with_itself_shows_no_difference(measured):

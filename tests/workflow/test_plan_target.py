@@ -54,7 +54,8 @@ def test_job_counts_equal_those_of_a_dry_run(config, tmp_path):
 
 
 def test_temporary_images_are_removed_after_use(tmp_path):
-    results, overlay = tmp_path / "r", {"keep_images": False}
+    results = tmp_path / "r"
+    overlay = {"keep_images": False, "grid": {"shape": [12, 40, 40], "spacing_mm": [8.0, 7.5, 7.5]}}
     table = results / "features" / "fbp_150" / "dose10" / "seed01.csv"
     process = tiny(results, table, overlay=overlay)
     assert process.returncode == 0, process.stderr[-3000:]

@@ -52,8 +52,8 @@ def read(study, tmp_path_factory):
     process = tiny(results, "recordings", overlay=overlay)
     assert process.returncode == 0, process.stderr[-4000:]
     targets = [results / "tables" / f"comparison_{name}_features.csv" for name in comparison]
-    figures = [results / "figures" / f"comparison_{name}.png" for name in comparison]
-    made = tiny(results, *targets, *figures, overlay=overlay)
+    figure = results / "figures" / "comparison_at_10.png"
+    made = tiny(results, *targets, figure, overlay=overlay)
     assert made.returncode == 0, made.stderr[-4000:]
     return results, process.stdout, overlay
 
@@ -84,7 +84,10 @@ def test_same_images_agree_and_features_of_other_settings_are_marked(read):
 
 def test_diagnosis_excludes_features_of_other_settings(read):
     results, _, overlay = read
-    process = tiny(results, "diagnosis", overlay=overlay | {"diagnosis": {"comparisons": ["at_10"]}})
+    rois = [f"{tissue}_{number}" for tissue in ("normal", "cyst") for number in (1, 2)]
+    comparison = {"at_10": overlay["analyses"]["comparison"]["at_10"] | {"rois": rois}}
+    overlay = overlay | {"analyses": {"comparison": comparison}, "diagnosis": {"comparisons": ["at_10"]}}
+    process = tiny(results, "diagnosis", overlay=overlay)
     assert process.returncode == 0, process.stderr[-4000:]
     found = json.loads((results / "diagnosis" / "at_10" / "diagnosis.json").read_text())
     reasons = json.dumps(found)

@@ -1,5 +1,7 @@
 """Images at a scanner's voxels, of a phantom re-positioned before some repeats, through the workflow."""
 
+import shutil
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -84,6 +86,7 @@ def test_common_job_makes_the_same_images(made, tmp_path):
     protocols = OVERLAY["protocols"]
     shared = {name: {**protocols[name], "job": "one"} for name in ("whole", "boxed")}
     folder = tmp_path / "results"
+    shutil.copytree(made, folder, ignore=shutil.ignore_patterns("images", "features", "features.*", "reconstruct"))
     images = [f"images/{name}/dose10/seed{seed}.nii.gz" for name in shared for seed in ("00", "02")]
     overlay = {**OVERLAY, "protocols": {**protocols, **shared}}
     process = tiny(folder, *(folder / image for image in images), overlay=overlay)

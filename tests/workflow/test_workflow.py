@@ -18,9 +18,7 @@ from published_files import with_its_ct
 from test_limits import plan_of
 from workflow_runs import BENEATH, ROOT, TINY, planned, snakemake, tiny
 
-from virtual_phantom.base.settings import SirtSettings
 from virtual_phantom.io import exchange, volumes
-from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.phantom.dicom_series import read_series
 from virtual_phantom.phantom.masks import open_regions
 from virtual_phantom.simulation.reconstruct import reconstruct
@@ -81,8 +79,8 @@ def recorded(folder, kind):
     return folder
 
 
-# `study` makes the first one; test_plan_target.py plans the others.
-PLANNED_ELSEWHERE = {"tiny.yaml", "config.yaml", "paper.yaml", "recordings.yaml"}
+# `study` makes the first one; test_plan_target.py plans three others, test_outputs.py the last one.
+PLANNED_ELSEWHERE = {"tiny.yaml", "config.yaml", "paper.yaml", "recordings.yaml", "printed_phantom.yaml"}
 
 
 @pytest.mark.parametrize("config", sorted({path.name for path in (ROOT / "config").glob("*.yaml")} - PLANNED_ELSEWHERE))
@@ -97,6 +95,8 @@ def test_every_shipped_config_can_be_planned(config, tmp_path):
         overlay["diagnosis"] = {"recordings": {name: {"object": {"mask": str(mask)}} for name in ("ta", "tb")}}
     if config == "proof.yaml":
         overlay["proof"] = {"seed": 1, "simulators": ["xcist"]}  # without Git and the other simulator
+    if config == "multicentre.yaml":
+        overlay["subset"] = "small"  # as in the command of its first lines
     (tmp_path / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     project = with_its_ct(tmp_path / "project") if config == "abdomen.yaml" else ROOT
     names = (*BENEATH.get(config, ()), config)
@@ -229,20 +229,20 @@ def test_no_partial_file_is_left(study):
 
 def test_stored_projections_are_those_of_the_images(study, tmp_path):
     """The image from a stored file of counts equals the one of the study, voxel by voxel."""
-    file = study / "projections" / "views150" / "double" / "seed01.h5"
+    file = study / "projections" / "views150" / "dose10" / "seed01.h5"
     process = tiny(study, file, overlay={"keep_projections": True}, config_folder=tmp_path)
     assert process.returncode == 0, process.stderr[-2000:]
     counts, geometry = exchange.read_counts(file)
     file.unlink()
-    image = volumes.read_nifti(study / "images" / "sirt_150" / "double" / "seed01.nii.gz")
+    image = volumes.read_nifti(study / "images" / "fbp_150" / "dose10" / "seed01.nii.gz")
     # The number of lanes is that of the study, because it may change the order of summation.
-    lanes = max(int(path.stem.split("_")[1]) for path in (study / "logs" / "kernels").glob("sirt_*.txt"))
+    lanes = max(int(path.stem.split("_")[1]) for path in (study / "logs" / "kernels").glob("fbp_*.txt"))
     again, *_ = reconstruct(
         np.repeat(counts.line_integrals(0.5)[None], lanes, axis=0),
         geometry,
         image.grid,
-        "sirt",
-        SirtSettings(**defaults_of("reconstruction", "sirt") | {"iterations": 100, "terms": 25}),
+        "fbp",
+        TINY_PLAN.study.reconstruction.fbp,
         engine="cpu",
         mu_water_per_mm=0.0193,
     )

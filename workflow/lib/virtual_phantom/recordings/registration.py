@@ -332,14 +332,18 @@ class Search:
         grid = (origin.tolist(), spacing.tolist(), (1, 0, 0, 0, 1, 0, 0, 0, 1))
         rotated = sitk.Resample(level.phantom, *arguments, sitk.sitkLinear, *grid, HU_AIR, sitk.sitkFloat32)
         region = sitk.Resample(level.region, *arguments, sitk.sitkNearestNeighbor, *grid, 0, sitk.sitkUInt8)
-        # ITK accepts only images with the same origin, so positions are removed.
         arrays = [sitk.GetArrayViewFromImage(image) for image in (level.recording, rotated, level.valid, region)]
+        # Voxels outside the region have no weight: without them, the transforms are smaller.
+        (box,) = ndimage.find_objects(arrays[-1]) or [np.s_[0:, 0:, 0:]]
+        arrays[1::2] = [array[box] for array in arrays[1::2]]
+        last = np.array([part.start for part in box]) + arrays[1].shape - 1
+        # ITK accepts only images with the same origin, so positions are removed.
         images = [sitk.GetImageFromArray(array.astype(np.float64)) for array in arrays]
         overlap = math.ceil(LEAST_COVERED * arrays[-1].sum())
         scores = sitk.GetArrayFromImage(sitk.MaskedFFTNormalizedCorrelation(*images, overlap, 0.0))
         best = np.unravel_index(np.argmax(scores), scores.shape)
-        # Index 0 of an axis is the shift at which the rotated phantom overlaps the recording by one voxel.
-        offset = np.array(best)[::-1] - (shape - 1)
+        # At index 0 of an axis, the last voxel of the box lies on the first voxel of the recording.
+        offset = (np.array(best) - last)[::-1]
         return float(scores[best]), np.array(level.recording.GetOrigin()) + offset * spacing - origin
 
     def measure(self, transform) -> Alignment:
