@@ -29,8 +29,8 @@ from .scanned_object import binary_voxels_remark, coarse_scene
 from .workload import samples_and_step
 
 # Rays at edges are not linear in the position and the surfaces of the object. Their changes are therefore computed
-# again where a fit without effects puts it, until no surface moves by more than CONVERGED_MM: the error of chi-square
-# grows with the cube of the displacement (244 at 0.06 mm, with 4 x 10^5 photons in columns of 1.7 mm). Voxels do not
+# again where a fit without effects puts it, until no surface moves by more than CONVERGED_MM. The error of chi-square
+# grows with the cube of the displacement: 244 at 0.06 mm, with 4 x 10^5 photons in columns of 1.7 mm. Voxels do not
 # show surfaces as precisely.
 OF_SHAPES, OF_VOXELS, CONVERGED_MM = 8, 2, 0.01
 # Standard deviations of a surface beyond which physics is missing rather than the object wrong. The stated surfaces are

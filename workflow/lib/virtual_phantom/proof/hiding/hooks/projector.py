@@ -1,7 +1,7 @@
 """XCIST's projection on subdivided detector cells, with averaged transmissions.
 
-Of voxels, XCIST's distance-driven projector averages path lengths over a cell, while a detector adds up photons; of
-surfaces, it traces single rays. Smaller cells reduce the error.
+XCIST's distance-driven projector of voxels averages path lengths over a cell, while a detector adds up photons. Its
+projector of surfaces traces single rays. Smaller cells reduce both errors.
 """
 
 import copy
