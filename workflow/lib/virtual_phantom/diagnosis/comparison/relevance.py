@@ -116,7 +116,7 @@ def agreement_and_changes(
     images : callable
         Simulated images of a fit, all with the same noise.
     noise : ndarray, shape (repeats, z, y, x), or None
-        Further simulated images with independent noise, for its correlation; None if the recording has no repeats.
+        Further simulated images with independent noise, for its correlation; None: those of the chosen fit are used.
     with_changes : bool
         Whether `practice` is part of the result (`changes_by_effect`).
 
@@ -127,7 +127,7 @@ def agreement_and_changes(
         images and of those before and after the diagnosis) and `practice`.
     """
     simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
-    independent = np.nan if noise is None else independent_values(noise, regions.inner)
+    independent = independent_values(simulated["after"] if noise is None else noise, regions.inner)
     found = agreement(recorded, simulated, regions, independent, features=features)
     if with_changes:
         found["practice"] = changes_by_effect(recorded, simulated, images, choice, regions, independent, features)

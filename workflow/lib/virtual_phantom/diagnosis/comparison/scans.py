@@ -22,7 +22,7 @@ from .regions import ScannedVolume, complete, disc_regions, image_grid, phantom_
 from .relevance import agreement_and_changes
 
 NOISE, CORRELATION = 0, 1  # branches of the seed for simulated noise, and for images that show its correlation
-CORRELATED_REPEATS = 8  # of these images
+CORRELATED_REPEATS = 8  # fewest of these images
 
 
 def agreement_of_scans(
@@ -83,11 +83,15 @@ def agreement_of_repeats(
     except InputError as error:
         return {"metrics": {}, "left_out": {"images": str(error)}}
 
-    def images(fit: Fit, count: int = len(repeats), noise: int = NOISE) -> np.ndarray:
+    def images(fit: Fit, *noise: int) -> np.ndarray:
         # A new stream for each fit, so that all have the same random numbers.
-        return reconstruct(simulated_repeats(prepared, fit, count, generator(below(seed, noise))))
+        stream = below(seed, *(noise or (NOISE,)))
+        return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(stream)))
 
-    noise = images(choice.chosen.fit, CORRELATED_REPEATS, CORRELATION) if len(repeats) > 1 else None
+    noise = None
+    if 1 < len(repeats) < CORRELATED_REPEATS:  # as many at once as the recording has, for the memory
+        sets = range(-(-CORRELATED_REPEATS // len(repeats)))
+        noise = np.concatenate([images(choice.chosen.fit, CORRELATION, number) for number in sets])
     features = Features(regions) if scanned is not None and scanned.rois else None
     return agreement_and_changes(recorded, images, noise, choice, regions, features, with_changes) | {
         "algorithm": "fbp",
