@@ -180,7 +180,7 @@ def astra_fan(scan: ScanGeometry, grid: Grid = GRID) -> Engine:
 
 def xcist_ns_per_ray(scan: ScanGeometry, grid: Grid, few: int = 4, many: int = 16) -> float:
     """Time per ray of XCIST's distance-driven projector, from the additional time of more views."""
-    from virtual_phantom.proof.hiding.xcist import CELLS_DIVIDED, Materials, Scan, simulate
+    from virtual_phantom.proof.hiding.xcist import Materials, Scan, simulate
 
     def seconds(views):
         order = Scan(views=views, kev=70.0, photons=1e5, **DETECTOR, **SCANNER)
@@ -189,7 +189,7 @@ def xcist_ns_per_ray(scan: ScanGeometry, grid: Grid, few: int = 4, many: int = 1
         simulate(order, water, 1, np.random.SeedSequence(1))
         return child_seconds()[0] - before
 
-    rays = scan.rows * scan.columns * math.prod(CELLS_DIVIDED)
+    rays = scan.rows * scan.columns * math.prod(Materials.cells_divided)
     return (seconds(many) - seconds(few)) / (many - few) / rays * 1e9
 
 

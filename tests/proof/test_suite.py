@@ -141,7 +141,7 @@ def test_unknown_effect_is_rejected():
             section(SETTINGS | {"images": SETTINGS["images"] | {"tried": [KERNEL, "hu_calibration", "motion"]}})
         )
     with pytest.raises(InputError, match=r"proof.tried: lacks 'scatter'"):
-        check_tried(section(SETTINGS | {"effects": ["lag", "scatter"], "tried": ["lag", "motion"]}))
+        check_tried(section(SETTINGS | {"effects": ["motion", "scatter"], "tried": ["motion", "scaler"], "pairs": 0}))
     with pytest.raises(InputError, match=r"proof.scan.rows: 4 rows cover too few slices"):
         cases(section(SETTINGS | {"scan": SETTINGS["scan"] | {"rows": 4}}))
 

@@ -11,20 +11,22 @@ from virtual_phantom.physics.beam.materials import attenuation_per_mm as attenua
 from virtual_phantom.physics.beam.spectra import Anode
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
-from virtual_phantom.physics.scenes.shapes import DiscScene, ShapesScene, cylinder, ellipsoid
+from virtual_phantom.physics.scenes.shapes import NOTHING, DiscScene, ShapesScene, cylinder, ellipsoid
 from virtual_phantom.physics.state import State
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.generate import NOMINAL
+from virtual_phantom.proof.hiding.objects import Part, ScannedObject
 from virtual_phantom.proof.hiding.unsteady import settling
 from virtual_phantom.proof.hiding.xcist import (
     Materials,
     Scan,
     _configured,
+    attenuation_of,
     attenuation_per_mm,
     energy_of_water,
     simulate,
 )
-from virtual_phantom.proof.hiding.xcist_surfaces import CYLINDER, Surface, Surfaces
+from virtual_phantom.proof.hiding.xcist_surfaces import CYLINDER, ELLIPSOID, Surface, Surfaces
 
 KEV, PHOTONS, VIEWS = 70.0, 2e4, 24
 DETECTOR = {
@@ -39,12 +41,10 @@ CENTRE, RADIUS = np.array([18.0, -9.0, 0.5]), 22.0  # of a ball of water, mm
 
 
 def scan(repeats=1, seed=1, surface="flat", **settings):
-    voxel, cells = 1.5, (24, 68, 68)
-    z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * voxel for n in cells), indexing="ij")
-    reach = np.sqrt((x - CENTRE[0]) ** 2 + (y - CENTRE[1]) ** 2 + (z - CENTRE[2]) ** 2)
-    ball = np.clip((RADIUS - reach) / voxel + 0.5, 0, 1)  # edges by volume fractions
     order = Scan(views=VIEWS, kev=KEV, photons=PHOTONS, settings=settings, surface=surface, **DETECTOR)
-    return simulate(order, Materials({"water": ball}, (voxel, voxel)), repeats, np.random.SeedSequence(seed))
+    around = Surface(CYLINDER, "air", (0.0, 0.0, 0.0), (150.0, 150.0, 1000.0), density=0.0)  # XCIST needs a cylinder
+    ball = Surface(ELLIPSOID, "water", tuple(CENTRE), (RADIUS,) * 3)
+    return simulate(order, Surfaces((around, ball), cells_divided=(8, 2)), repeats, np.random.SeedSequence(seed))
 
 
 def lines(taken):
@@ -86,6 +86,22 @@ def test_line_integrals_of_a_ball_follow_the_geometry(plain):
     assert abs((mean - expected)[inside].mean()) < 2e-3
     mirrored = attenuation_per_mm("water", KEV) * chords(CENTRE * (-1, 1, 1))
     assert np.abs(mean - mirrored)[inside].max() > 0.3
+
+
+def test_rotated_parts_of_an_object_follow_the_geometry():
+    """Elliptic column with an elliptic cavity; turned by +25 degrees, not by -25."""
+    axes, hole = (45.0, 30.0, np.inf), ((5.0, 3.0, 1.0), (14.0, 8.0, 6.0))
+    parts = Part("body", (0.0, 0.0, 0.0), axes, 25.0, "water"), Part("gas", *hole, 25.0, "air")
+    body = Surfaces.of(ScannedObject("body", parts), attenuation_of(KEV), attenuation_per_mm("water", KEV))
+    order = Scan(views=VIEWS, kev=KEV, photons=1e8, **DETECTOR)
+    found = lines(simulate(order, body, 1, np.random.SeedSequence(1)))[0]
+
+    def expected(turn_deg):
+        shapes = [ellipsoid("water", (0, 0, 0), (45.0, 30.0, 5000.0), turn_deg), ellipsoid(NOTHING, *hole, turn_deg)]
+        chain = Chain(ShapesScene(shapes, KEV), circular(views=VIEWS, **DETECTOR), samples=4)
+        return chain.state({}).line_integrals() * attenuation_per_mm("water", KEV) / attenuation("water", [KEV])[0]
+
+    assert (found - expected(25.0)).std() < 0.005 and (found - expected(-25.0)).std() > 0.1
 
 
 @pytest.mark.parametrize("wobble_mm", [0.0, 8.0])

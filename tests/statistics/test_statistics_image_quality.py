@@ -72,8 +72,11 @@ def test_filtered_noise_has_its_mean_frequency(sigma_px):
     expected *= -np.expm1(-(reach**2)) / special.erf(reach)
     assert mean_frequency(spectrum).value == pytest.approx(expected, rel=0.02)
     # One independent value in the integral of rho^2.
-    independent = independent_values(images, np.ones(images.shape[1:], bool))
-    assert independent == pytest.approx(images[0].size / (2 * np.pi * sigma_px**2), rel=0.5)
+    many = ndimage.gaussian_filter(white(40, (2, 64, 64)), (0, 0, sigma_px, sigma_px), mode="wrap")
+    mask = np.ones(many.shape[1:], bool)
+    for where in (mask, mask & (np.arange(64) < 48)):
+        assert independent_values(many, where) == pytest.approx(where.sum() / (2 * np.pi * sigma_px**2), rel=0.2)
+    assert np.isnan(independent_values(many[:2], mask))
 
 
 def test_spectra_of_one_noise_differ_by_chance():

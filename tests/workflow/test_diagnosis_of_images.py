@@ -16,7 +16,7 @@ STUDY = {
     "grid": {"shape": [12, 56, 56], "spacing_mm": [8.0, 5.4, 5.4]},
     "noise": {
         "model": "physical",
-        "levels": {"bench": {"A": 1.0e-5, "repeats": 3}, "low": {"A": 3.0e-6, "repeats": 3}},
+        "levels": {"bench": {"A": 1.0e-5, "repeats": 4}, "low": {"A": 3.0e-6, "repeats": 3}},
     },
     "scan": {"trajectory": "circular", "columns": 68, "rows": 16, "column_pitch_mm": 9.5, "row_pitch_mm": 12.0},
     "protocols": {"bench": {"algorithm": "fbp", "projections": 32}},
@@ -28,7 +28,7 @@ STUDY = {
 def scanner(tmp_path_factory):
     """A folder with the recording `scanner` and its diagnosis under `results`."""
     folder = tmp_path_factory.mktemp("scanner")
-    images = [f"{folder}/made/images/bench/bench/seed{seed:02d}.nii.gz" for seed in range(3)]
+    images = [f"{folder}/made/images/bench/bench/seed{seed:02d}.nii.gz" for seed in range(4)]
     process = tiny(
         folder / "made", *images, overlay={**STUDY, "physics": CONCEALED}, config_folder=folder / "concealed"
     )
@@ -63,6 +63,7 @@ def test_kernel_is_named_with_its_width(scanner):
     assert rms["after"] - rms["floor"] < 0.1 * (rms["before"] - rms["floor"])
     resolution = found["agreement"]["metrics"]["resolution"]
     assert abs(resolution["after"]["relative_difference"]) < 0.1 < resolution["before"]["relative_difference"]
+    assert 0 < found["agreement"]["metrics"]["noise_magnitude"]["floor"] < 0.2
     page = (folder / "report.html").read_text()
     assert all(html.escape(line) in page for line in found["verdict_lines"])
     assert {place["domain"] for place in found["locations"]} <= set(DOMAINS)
@@ -76,7 +77,7 @@ def test_its_physics_is_an_overlay_for_images_only(scanner):
     process = tiny(scanner / "made", "-n", overlay=overlay, config_folder=scanner / "richer")
     assert process.returncode == 0, process.stderr[-2000:]
     jobs = planned(process)
-    assert jobs["reconstruct_0"] == ["protocol=bench"] and "geometry=views60, scan=clean" not in jobs["project"]
+    assert jobs["reconstruct_0"] == ["protocol=bench"] and "geometry=views32, scan=clean" not in jobs["project"]
 
 
 def test_bad_settings_are_one_line(scanner):

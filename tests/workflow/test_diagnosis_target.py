@@ -21,7 +21,7 @@ from virtual_phantom.study.progress.status import duration_range
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
 OF_SCANNER = ["bench", "second", "third"]
 EFFECTS = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]
-# The scanned object is the phantom of the study itself. The set-up is checked for `wrong`.
+# The scanned object is the phantom of the study itself. The set-up is checked for `wrong` and `third`.
 BENCH = {"effects": EFFECTS, "object_exact": True, "check_setup": False}
 QUICK = {"samples": 1, "effects": ["scatter"], "view_step": 2, "check_setup": False, "object_exact": True}
 VIEWS, ROWS, COLUMNS = 40, 12, 68
@@ -202,7 +202,7 @@ def diagnosis_of_more(bench, target, second=QUICK):
                 "bench": {"samples": 1, **BENCH},
                 "again": {"samples": 1, **BENCH, "baseline_from": "bench"},
                 "second": second,
-                "third": QUICK,
+                "third": QUICK | {"check_setup": True},
             },
             "scanners": {"room": {"recordings": OF_SCANNER, "judged_on": OF_SCANNER[2:]}},
         },

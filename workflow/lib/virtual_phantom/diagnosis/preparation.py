@@ -29,10 +29,11 @@ from .scanned_object import binary_voxels_remark, coarse_scene
 from .workload import samples_and_step
 
 # Rays at edges are not linear in the position and the surfaces of the object. Their changes are therefore computed
-# again where a fit without effects puts it, until no surface moves by more than CONVERGED_MM. The error of chi-square
+# again where a fit without effects puts it, until nothing moves by more than CONVERGED_MM. The error of chi-square
 # grows with the cube of the displacement: 244 at 0.06 mm, with 4 x 10^5 photons in columns of 1.7 mm. Voxels do not
 # show surfaces as precisely.
-OF_SHAPES, OF_VOXELS, CONVERGED_MM = 8, 2, 0.01
+CONVERGED_MM = 0.01
+OF_SHAPES, OF_VOXELS = 8, 2  # most fits
 # Standard deviations of a surface beyond which physics is missing rather than the object wrong. The stated surfaces are
 # then kept.
 MOST_PULLED = 3.0
@@ -110,8 +111,8 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         if pulled > MOST_PULLED:
             about = {name: value for name, value in about.items() if name in POSES}
             break
-        moved = (abs(about[name] - before.get(name, 0.0)) for name in about if name.startswith(SURFACE))
-        if max(moved, default=0.0) < CONVERGED_MM:
+        moved = [name for name in about if name.startswith(SURFACE) or name in ("x_mm", "y_mm")]
+        if max(abs(about[name] - before.get(name, 0.0)) for name in moved) < CONVERGED_MM:
             break
     return ready(known=known, about=about)
 

@@ -173,7 +173,8 @@ def independent_values(images: np.ndarray, mask: np.ndarray) -> float:
     products = noise @ noise.T
     pairs = products[np.triu_indices(len(noise), 1)]
     square = float((pairs**2).mean())
-    return float(np.trace(products) / len(noise)) ** 2 / square if square else np.nan
+    found = float(np.trace(products) / len(noise)) ** 2 / square if square else np.nan
+    return float(np.minimum(found, mask.sum()))
 
 
 def noise_magnitude(images: np.ndarray, mask: np.ndarray, independent: float) -> Measure:

@@ -116,7 +116,7 @@ def agreement_and_changes(
     images : callable
         Simulated images of a fit, all with the same noise.
     noise : ndarray, shape (repeats, z, y, x), or None
-        Further simulated images with independent noise, for its correlation; None: those of the chosen fit are used.
+        Simulated images with independent noise, for its correlation; None: those of the chosen fit are used.
     with_changes : bool
         Whether `practice` is part of the result (`changes_by_effect`).
 
@@ -292,6 +292,8 @@ def _root_mean_square(
         return ImageChange(0.0, 0.0)  # with single repeats noise and structure cannot be distinguished
     square = max(0.0, float((difference**2).mean()) - noise)
     value = np.sqrt(square)
+    if not noise:  # paired images of single repeats, or without noise
+        return ImageChange(float(value), 0.0)
     # Variances of the squared difference of independent values, and of its noise as estimated from few repeats.
     relative = 2 / independent + (0.0 if paired else 1 / (len(images) - 1) / independent)
     least = np.sqrt(max(0.0, square - 2 * noise * np.sqrt(relative)))

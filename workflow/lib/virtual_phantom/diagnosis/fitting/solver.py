@@ -232,7 +232,7 @@ def _step(problem: JointProblem, here: Iterate, information, gradient, damping, 
             while here.chi_square - reached.chi_square > AS_EXPECTED[1] * expected:
                 step = 2 * step
                 farther = problem.stepped(here, step)
-                if farther.chi_square >= reached.chi_square:
+                if not farther.chi_square < reached.chi_square:  # also if it is not a number
                     break
                 reached = farther
             return _Step(reached, expected, predicted_decrease, damping / DAMPING if damping > LEAST_DAMPING else 0.0)

@@ -269,10 +269,12 @@ def agreement_of_images(
     else:
         regions = phantom_regions(grid, valid, scanned, pose)
 
-    def images(fit: Fit, count: int = count) -> np.ndarray:
+    def images(fit: Fit) -> np.ndarray:
         return model.repeats(fit.physics, fit.nuisance, fit.linearization, count)
 
-    noise = images(choice.chosen.fit, REALIZATIONS) if len(repeats) > 1 else None
+    # Slices of an object that is constant along z have correlated noise, simulated realizations have not.
+    fit = choice.chosen.fit
+    noise = model.noise_images(fit.physics, fit.nuisance, fit.linearization) if len(repeats) > 1 else None
     features = None if scanned is None else Features(regions)
     return agreement_and_changes(repeats, images, noise, choice, regions, features, with_changes) | {
         "algorithm": request.protocol.algorithm,

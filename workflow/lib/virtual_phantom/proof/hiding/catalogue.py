@@ -241,7 +241,7 @@ MODELS: dict[str, list[str]] = {
 def never_hidden() -> list[str]:
     """List the effects of the library that cannot be hidden, so that the blind validation does not test them.
 
-    XCIST's projector of voxels cannot rotate a flat detector: at a roll of 4 degrees, the shadow of a ball nearly
-    vanishes.
+    XCIST's projector of voxels could not rotate a flat detector: at a roll of 4 degrees, the shadow of a ball nearly
+    vanished. Its projector of surfaces was not tried.
     """
     return [name for name in names() if name not in CATALOGUE]

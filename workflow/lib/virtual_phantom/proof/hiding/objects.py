@@ -1,7 +1,7 @@
 """Scanned objects: bodies, quality-assurance phantoms and discs, drawn at random for every case.
 
-An object consists of ellipsoids and elliptic columns along z, described once. `voxels` and `meshes` make the scanned
-object for the two simulators, `stated_object` the description that the diagnosis gets.
+An object consists of ellipsoids and elliptic columns along z, described once. `xcist_surfaces` and `meshes` make the
+scanned object for the two simulators, `stated_object` the description that the diagnosis gets.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from ...phantom import Phantom, Roi, write_phantom
 from .materials import IN_LIBRARY, MATERIALS
 from .objects import BODY, Part, ScannedObject
 from .orbits import Orbit
-from .voxels import STATED_PER_PIXEL, grid_of, labels, stated_hu
+from .voxels import grid_of, labels, stated_hu
 
 LEAST_ROI_VOXELS, ROI_MARGIN_VOXELS = 60, 2
 
@@ -27,7 +27,7 @@ LEAST_ROI_VOXELS, ROI_MARGIN_VOXELS = 60, 2
 def write(folder: str | Path, scanned: ScannedObject, orbits: Sequence[Orbit]) -> None:
     """Write the stated object: of tissues as image.nii.gz with ROIs, others as object.yaml and labels.nii.gz."""
     folder = Path(folder)
-    grid = grid_of(scanned, orbits, (STATED_PER_PIXEL, STATED_PER_PIXEL))
+    grid = grid_of(scanned, orbits)
     if scanned.kind == BODY:
         image = Volume(stated_hu(scanned, grid), grid)
         write_phantom(Phantom(image, image, tuple(_rois(scanned, grid))), folder)

@@ -135,12 +135,16 @@ def check_tried(settings: ProofSettings) -> None:
     InputError
         If an effect is no candidate.
     """
-    images = settings.images
+    images, of_projections = settings.images, []
     of_images = [KERNEL, *images.effects] if images.strengths or images.effects else []
-    of_projections = settings.effects or KNOWN
-    chosen = {"proof.images": (of_images, images.tried), "proof": (of_projections, settings.tried)}
-    for section, (hidden, tried) in chosen.items():
-        lacking = [] if tried is None else [name for name in hidden if name not in tried]
+    if settings.tried is not None:
+        found = (truth for truth in truths(settings).values() if truth["kind"] == PROJECTIONS)
+        of_projections = [one["name"] for truth in found if truth["category"] != "unknown" for one in truth["effects"]]
+    for section, hidden, tried in (
+        ("proof.images", of_images, images.tried),
+        ("proof", of_projections, settings.tried),
+    ):
+        lacking = [name for name in hidden if name not in (tried or ())]
         if lacking:
             raise InputError(f"{section}.tried: lacks '{lacking[0]}', which the cases hide; add it")
 

@@ -1,4 +1,4 @@
-"""Scanned objects on voxels: volume fractions of materials for XCIST, HU and labels for the diagnosis."""
+"""Stated objects on voxels: HU and labels for the diagnosis."""
 
 from __future__ import annotations
 
@@ -19,25 +19,17 @@ AIR_HU = -1000.0
 CONSTANT_SLICES = 4  # of an object that is constant along z
 
 
-def grid_of(scanned: ScannedObject, orbits: Sequence[Orbit], per_pixel: tuple[int, int], margin_mm: float = 0) -> Grid:
-    """Return a grid around the object, cut to the height of the beams.
-
-    Parameters
-    ----------
-    per_pixel : tuple of 2 int
-        Voxels per detector pixel at the isocenter, along z and in the plane.
-    margin_mm : float, optional
-        Additional margin in the plane, mm.
-    """
+def grid_of(scanned: ScannedObject, orbits: Sequence[Orbit]) -> Grid:
+    """Return a grid around the object with STATED_PER_PIXEL voxels per pixel, cut to the height of the beams."""
     pixel = scanned.pixel_mm(orbits[0].columns)
     height = max(
         orbit.rows * pixel * REACH + abs(orbit.feed_mm) * orbit.views / orbit.views_per_rotation for orbit in orbits
     )
-    along, plane = (pixel / count for count in per_pixel)
+    along = plane = pixel / STATED_PER_PIXEL
     if all(np.isinf(part.semi_axes_mm[2]) for part in (*scanned.parts, *scanned.outside)):
         along = (height + 2 * BEYOND_MM) / CONSTANT_SLICES
     low, high = np.array([part.shape.bounds_mm() for part in (scanned.parts[0], *scanned.outside)]).transpose(1, 0, 2)
-    half = np.maximum(-low.min(axis=0), high.max(axis=0))[:2] + margin_mm + plane
+    half = np.maximum(-low.min(axis=0), high.max(axis=0))[:2] + plane
     slices = 2 * int(np.ceil((height + 2 * BEYOND_MM) / along / 2))
     x, y = (2 * int(np.ceil(side / plane)) for side in half)
     return Grid((slices, y, x), (along, plane, plane))

@@ -1,6 +1,6 @@
 """Scans by XCIST/CatSim [1]_, the simulator of the blind validation.
 
-Its distance-driven projector, cross-sections, spectra, scatter kernel, crosstalk, lag and noise are used unchanged.
+Its projectors, cross-sections, spectra, scatter kernel, crosstalk, lag and noise are used unchanged.
 `hiding.hooks` adds physics that XCIST lacks.
 
 References

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...base.errors import InputError
 from .materials import Attenuation, Material, mixed
 from .objects import ScannedObject
 from .xcist import HOOKS, write_material
@@ -75,6 +76,8 @@ class Surfaces:
 
     def configure(self, cfg, folder: Path) -> None:
         """Set the configuration to scan this object; write its files to the folder."""
+        if any(sign.isspace() or sign == "=" for sign in str(folder)):
+            raise InputError(f"{folder}: XCIST reads no folder with a space or = in its path; set TMPDIR to another")
         cfg.phantom.filename = str(self.write(folder))
         cfg.phantom.callback, cfg.phantom.projectorCallback = "Phantom_Analytic", HOOKS + "projector"
         cfg.physics.colSampleCount = cfg.physics.rowSampleCount = 1

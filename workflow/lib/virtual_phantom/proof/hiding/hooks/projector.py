@@ -56,6 +56,7 @@ def _by_points(cfg, view, subview):
         one = copy.copy(cfg)
         one.srcNew, one.thisSubView = copy.copy(cfg.srcNew), np.ones_like(cfg.thisSubView)
         one.srcNew.samples, one.srcNew.nSamples, one.srcNew.weights = point[None], 1, np.ones((1, 1))
+        one.srcNew.corners, one.srcNew.nCorners = point[None], 1  # which tell where objects may have a shadow
         one.src = one.srcNew
         set_source_analytic(one)
         total = total + weight[:, None] * C_Projector_Analytic(one, view, subview).thisSubView
