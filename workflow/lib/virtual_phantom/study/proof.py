@@ -70,8 +70,9 @@ class Proof:
         check_simulators(settings.simulators)
         check_tried(settings)
         check_recordings(settings.recordings, plan.study.diagnosis.recordings)
-        for kind in (PROJECTIONS, IMAGES):
-            found._candidates(kind)
+        for name in settings.tried or ():
+            require(name, "proof.tried")
+        found._candidates(IMAGES)
         return found
 
     @property
@@ -149,8 +150,6 @@ class Proof:
         settings = _diagnosed(self.settings.scan, baseline=baseline or {})
         if kind == PROJECTIONS:
             found, tried = candidates(settings, helical=helical), self.settings.tried
-            for name in tried or ():
-                require(name, "proof.tried")
             return found if tried is None else [name for name in found if name in tried]
         try:
             return candidates(replace(settings, effects=self.settings.images.tried), IMAGES)
