@@ -8,7 +8,7 @@ import numpy as np
 
 from ...base.geometry import Grid
 from ...phantom.shapes import coverage
-from .objects import Part, ScannedObject
+from .objects import ScannedObject
 from .orbits import Orbit
 
 STATED_PER_PIXEL = 3  # stated voxels per detector pixel at the isocenter
@@ -35,18 +35,13 @@ def grid_of(scanned: ScannedObject, orbits: Sequence[Orbit]) -> Grid:
     return Grid((slices, y, x), (along, plane, plane))
 
 
-def shares(scanned: ScannedObject, grid: Grid) -> list[tuple[Part, np.ndarray]]:
-    """Return every part with its volume fraction in each voxel, shape (z, y, x)."""
-    covered = [coverage(part.shape, grid.axes_mm(), grid.spacing) for part in (*scanned.parts, *scanned.outside)]
-    inner = len(scanned.parts)
-    covered[0] = np.maximum(covered[0] - sum(covered[1:inner], np.float32(0)), 0)
-    return list(zip((*scanned.parts, *scanned.outside), covered, strict=True))
-
-
 def stated_hu(scanned: ScannedObject, grid: Grid) -> np.ndarray:
     """Return the CT numbers of an object of tissues, HU, float32 of shape (z, y, x)."""
+    parts, inner = (*scanned.parts, *scanned.outside), len(scanned.parts)
+    shares = [coverage(part.shape, grid.axes_mm(), grid.spacing) for part in parts]
+    shares[0] = np.maximum(shares[0] - sum(shares[1:inner], np.float32(0)), 0)
     hu = np.full(grid.shape, AIR_HU, np.float32)
-    for part, share in shares(scanned, grid):
+    for part, share in zip(parts, shares, strict=True):
         hu += np.float32((AIR_HU if part.material == "air" else part.hu) - AIR_HU) * share
     return hu
 

@@ -15,7 +15,6 @@ import io
 import json
 import os
 import tempfile
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from multiprocessing import get_context
@@ -101,7 +100,7 @@ class Acquired:
     current: np.ndarray | None = None
 
 
-class ScannedObject(Protocol):
+class Scannable(Protocol):
     """An object that XCIST can scan.
 
     Attributes
@@ -126,13 +125,10 @@ class Materials:
         By XCIST's name of the material, in the scanner frame.
     voxel_mm : tuple of 2 float
         Size in the plane and height along z, mm.
-    composed : dict of str to Material
-        Materials that are not XCIST's, by name.
     """
 
     fractions: dict[str, np.ndarray]
     voxel_mm: tuple[float, float]
-    composed: Mapping[str, Material] = field(default_factory=dict)
     cells_divided: tuple[int, int] = (8, 2)
 
     def configure(self, cfg, folder: Path) -> None:
@@ -147,8 +143,7 @@ class Materials:
         slices, rows, columns = self.fractions[names[0]].shape
         plane, height = self.voxel_mm
         files = [f"{number}.raw" for number in range(len(names))]
-        own = [write_material(name, self.composed[name], folder) if name in self.composed else name for name in names]
-        content = {"n_materials": len(names), "mat_name": own, "volumefractionmap_filename": files}
+        content = {"n_materials": len(names), "mat_name": names, "volumefractionmap_filename": files}
         of_each = {
             "volumefractionmap_datatype": "float",
             **{"cols": columns, "rows": rows, "slices": slices},
@@ -207,27 +202,27 @@ def energy_of_water(mu_per_mm: float) -> float:
     return brentq(lambda kev: attenuation_per_mm("water", kev) - mu_per_mm, *ENERGIES_KEV)
 
 
-def simulate(scan: Scan, materials: ScannedObject, repeats: int, seed: Stream) -> Acquired:
+def simulate(scan: Scan, scanned: Scannable, repeats: int, seed: Stream) -> Acquired:
     """Scan an object in a separate process, since XCIST's library keeps the state of one scan."""
     with get_context("fork").Pool(1) as pool:
-        return pool.apply(_simulate, (scan, materials, repeats, seed))
+        return pool.apply(_simulate, (scan, scanned, repeats, seed))
 
 
-def _simulate(scan, materials, repeats, seed):
+def _simulate(scan, scanned, repeats, seed):
     from .hooks.flux import tube_current
 
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)  # the C library prints each allocation
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
         folder = Path(folder)
-        cfg = _air(_configured(scan, materials, folder))
+        cfg = _air(_configured(scan, scanned, folder))
         # Quanta are proportional to the tube current. quantum_kev is the reading per quantum.
         quanta = central(cfg.hooks.quanta, scan)
         current = scan.photons * scan.settings.get("flux_factor", 1.0) / quanta
         quantum_kev = central(cfg.hooks.views[0][0].T, scan) / quanta
-        cfg = _air(_configured(scan, materials, folder, current))
+        cfg = _air(_configured(scan, scanned, folder, current))
         air, quanta = cfg.hooks.views[0][0], cfg.hooks.quanta.reshape(scan.columns, scan.rows).T
-        cfg = _configured(scan, materials, folder, current, quantum_kev)
+        cfg = _configured(scan, scanned, folder, current, quantum_kev)
         cfg.hooks.repeats = repeats
         cfg.hooks.lag = [None] * repeats
         _seed(cfg, seed.spawn(1)[0])
@@ -263,13 +258,13 @@ def _seed(cfg, seed):
     np.random.seed(third)  # noqa: NPY002
 
 
-def _configured(scan: Scan, materials: ScannedObject, folder: Path, current: float = 1.0, quantum_kev: float = 0.0):
+def _configured(scan: Scan, scanned: Scannable, folder: Path, current: float = 1.0, quantum_kev: float = 0.0):
     from gecatsim import CFG
 
     cfg = CFG()
     settings = IDLE | scan.settings
     physics, scanner, protocol = cfg.physics, cfg.scanner, cfg.protocol
-    materials.configure(cfg, folder)
+    scanned.configure(cfg, folder)
     cfg.phantom.projectorNumThreads = 1
     scanner.sid = scan.source_to_isocentre_mm + settings.get("isocentre_mm", 0.0)
     scanner.sdd = scan.source_to_detector_mm + settings.get("detector_mm", 0.0)
@@ -331,7 +326,7 @@ def _configured(scan: Scan, materials: ScannedObject, folder: Path, current: flo
     scanner.eNoise = settings.get("electronic_photons", 0.0) * quantum_kev
     cfg.hooks = SimpleNamespace(
         **settings,
-        cells_divided=materials.cells_divided,
+        cells_divided=scanned.cells_divided,
         views=[],
         lag=[None],
         current=1.0,
