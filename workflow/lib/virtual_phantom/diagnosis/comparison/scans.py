@@ -83,15 +83,14 @@ def agreement_of_repeats(
     except InputError as error:
         return {"metrics": {}, "left_out": {"images": str(error)}}
 
-    def images(fit: Fit, *noise: int) -> np.ndarray:
+    def images(fit: Fit, keys: tuple[int, ...] = (NOISE,)) -> np.ndarray:
         # A new stream for each fit, so that all have the same random numbers.
-        stream = below(seed, *(noise or (NOISE,)))
-        return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(stream)))
+        return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(below(seed, *keys))))
 
     noise = None
     if 1 < len(repeats) < CORRELATED_REPEATS:  # as many at once as the recording has, for the memory
         sets = range(-(-CORRELATED_REPEATS // len(repeats)))
-        noise = np.concatenate([images(choice.chosen.fit, CORRELATION, number) for number in sets])
+        noise = np.concatenate([images(choice.chosen.fit, (CORRELATION, number)) for number in sets])
     features = Features(regions) if scanned is not None and scanned.rois else None
     return agreement_and_changes(recorded, images, noise, choice, regions, features, with_changes) | {
         "algorithm": "fbp",

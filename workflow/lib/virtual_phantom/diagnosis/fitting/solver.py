@@ -214,9 +214,9 @@ class _Step:
 
 
 def _step(problem: JointProblem, here: Iterate, information, gradient, damping, enough, fresh) -> _Step:
-    """Take a step within the bounds that lowers chi-square, with more damping as long as none does.
+    """Take a step within the bounds that lowers chi-square, with more damping while none does.
 
-    A step that gains more than predicted is doubled as long as chi-square falls. Where residuals are large, the squared
+    A step that gains more than predicted is doubled while chi-square falls. Where residuals are large, the squared
     derivatives overestimate the curvature, and steps along a valley are too short.
     """
     predicted_decrease = 0.0
