@@ -1,5 +1,7 @@
 """Diagnosis of a recording whose object consists of shapes, read from its folder."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from virtual_phantom.base.geometry import circular, parallel_beam
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.assumptions import object_text
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
+from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.scanned_object import scene_of
 from virtual_phantom.diagnosis.settings import RecordingSettings
@@ -53,6 +56,12 @@ def recorded(folder, physics, photons=2e5, geometry=GEOMETRY):
     return folder
 
 
+def body(by_mm):
+    """The ACR module with a larger body."""
+    scene = scene_of(ASKED)
+    return scene.grown([by_mm, *[0.0] * (len(scene.shapes) - 1)])
+
+
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("bench"), {"scatter": {"amount": 0.06}})
@@ -91,6 +100,25 @@ def test_undersampled_edges_are_not_reported_as_physics(divided, tmp_path, monke
     tried = ["source_distance", "off_focal_radiation", "view_blur", "focal_spot"]
     found = vp.diagnose(scan, shapes="acr464_module1", effects=tried, check_setup=False).content
     assert (found["verdict"] == "match") == divided, found["sentence"]
+
+
+def test_errors_of_surfaces_are_those_of_the_fitted_geometry(tmp_path):
+    """The stated distance of the source is 4 mm too large: edges are seen elsewhere."""
+    declared = {"isocentre_mm": {"value": 0.0, "sd": 4.0}, "detector_mm": {"value": 0.0, "sd": 0.0}}
+    scan = recorded(tmp_path, {"source_distance": {"isocentre_mm": -4.0}})
+    settings = from_mapping(RecordingSettings, SECTION | {"samples": 2, "baseline": {"source_distance": declared}})
+    model = prepare_recording(DiagnosisRequest(scan, settings, 0.0193, Segmentation()))[1].fitter.model
+    distance_mm = 570.0 + model.first.physics["source_distance"]["isocentre_mm"]
+    outer = next(name for name in model.object_errors.names if name.startswith("surface_of_"))
+    fitted_mm, step_mm = model.first.nuisance[outer], 1e-3
+    assert (distance_mm, fitted_mm) == (pytest.approx(566, abs=0.2), pytest.approx(0, abs=0.02))
+    smaller, larger = (
+        Chain(body(by_mm), replace(GEOMETRY, source_to_isocentre_mm=distance_mm), samples=FINELY).state({})
+        for by_mm in (fitted_mm - step_mm, fitted_mm + step_mm)
+    )
+    change = (larger.line_integrals() - smaller.line_integrals()) / step_mm / 2
+    found = model.object_errors.changes[model.object_errors.names.index(outer)]
+    assert found == pytest.approx(change, abs=0.1 * change.max())
 
 
 def test_modeled_object_is_described():

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
+
+import numpy as np
 
 from ..base.errors import InputError
 from ..physics.chain import EVEN, Chain
@@ -14,6 +17,7 @@ from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from ..recordings.scan import scale_note, view_time_note
 from .comparison.scans import agreement_of_scans
+from .fitting.fit import Fit
 from .fitting.nuisance import POSES
 from .fitting.priors import BASELINE_CONFIG_KEY, declared
 from .images.setting import agreement_of_images, prepare_images
@@ -29,10 +33,10 @@ from .scanned_object import binary_voxels_remark, coarse_scene
 from .workload import samples_and_step
 
 # Rays at edges are not linear in the position and the surfaces of the object. Their changes are therefore computed
-# again where a fit without effects puts it, until nothing moves by more than CONVERGED_MM. The error of chi-square
+# again where a fit without effects puts it, until chi-square changes by less than CONVERGED. The error of chi-square
 # grows with the cube of the displacement: 244 at 0.06 mm, with 4 x 10^5 photons in columns of 1.7 mm. Voxels do not
 # show surfaces as precisely.
-CONVERGED_MM = 0.01
+CONVERGED = 1.0
 OF_SHAPES, OF_VOXELS = 8, 2  # most fits
 # Standard deviations of a surface beyond which physics is missing rather than the object wrong. The stated surfaces are
 # then kept.
@@ -97,24 +101,24 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     )
     known = request.alignment(recording.nominal)
 
-    def ready(known: Mapping[str, float], about: Mapping[str, float] | None) -> PreparedScans:
-        fitted = scene if uncertain is None else uncertain.with_surfaces(about)
+    def ready(known: Mapping[str, float], first: Fit | None) -> PreparedScans:
+        fitted = scene if uncertain is None or first is None else uncertain.with_surfaces(first.nuisance)
         model, floor = model_and_floor(fitted, recording.geometry, samples, **detector)
-        return settled(model, floor_chain=floor, known=known, about=about)
+        return settled(model, floor_chain=floor, known=known, first=first)
 
-    about, most = None, OF_SHAPES if isinstance(scene, ShapesScene) else OF_VOXELS
+    first, most = None, OF_SHAPES if isinstance(scene, ShapesScene) else OF_VOXELS
     for _ in range(most if uncertain is not None and uncertain.has_surfaces else 0):
         # A free size would take the place of surfaces while these are linear.
-        fit = ready(known=known | {"size": FIXED}, about=about).fitter.fit(())
-        before, about = about or {}, fit.nuisance
+        fit = ready(known | {"size": FIXED}, first).fitter.fit(())
+        before = np.inf if first is None else first.chi_square
         pulled = max((abs(pull) for name, pull in fit.pulled.items() if name.startswith(SURFACE)), default=0.0)
         if pulled > MOST_PULLED:
-            about = {name: value for name, value in about.items() if name in POSES}
+            first = replace(fit, nuisance={name: value for name, value in fit.nuisance.items() if name in POSES})
             break
-        moved = [name for name in about if name.startswith(SURFACE) or name in ("x_mm", "y_mm")]
-        if max(abs(about[name] - before.get(name, 0.0)) for name in moved) < CONVERGED_MM:
+        first = fit
+        if abs(fit.chi_square - before) < CONVERGED:
             break
-    return ready(known=known, about=about)
+    return ready(known, first)
 
 
 def compare_images(recording: Recording, *arguments, **options) -> dict:

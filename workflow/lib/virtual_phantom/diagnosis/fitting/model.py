@@ -53,6 +53,8 @@ class Model(ABC):
         Known physics of the scanner, which is part of every model and fitted within its priors.
     object_errors : projections.object_errors.ObjectErrors
         Errors of the stated object, or none. They are nuisance parameters, too.
+    first : Fit, optional
+        Fit without effects, from which other fits begin; None: they begin at expected values.
     """
 
     def __init__(
@@ -66,10 +68,11 @@ class Model(ABC):
         declared: Mapping[str, Mapping[str, Statement]] | None = None,
         *,
         object_errors: Any,
+        first: Any = None,
     ):
         numbers = (*object_errors.edge_numbers, *object_errors.numbers)
         self.chain, self.base_nuisances, self.anode, self.tube_kvp = chain, (*nuisances, *numbers), anode, tube_kvp
-        self.object_errors = object_errors
+        self.object_errors, self.first = object_errors, first
         self.fixed, self.density, self.declared = fixed or {}, density, declared or {}
         self._near = LRUCache(NEAR_KEPT)
 
@@ -95,6 +98,7 @@ class Model(ABC):
         """Return the model without the declaration of one effect."""
         found = copy.copy(self)
         found.declared = {key: stated for key, stated in self.declared.items() if key != name}
+        found.first = None
         return found
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:

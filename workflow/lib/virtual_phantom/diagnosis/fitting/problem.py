@@ -63,6 +63,7 @@ class Problem:
     def __init__(self, fitter, effects: tuple[str, ...], given=None, beside: str | None = None):
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
+        given = given or self.model.first
         self.patterned, self.pattern, self.estimated = any(load(name).pattern for name in effects), None, None
         self.linearization, self.linearized = self.model.nominal if given is None else given.linearization, 0
         self.all_effects = self.model.with_declared_effects(self.effects)
@@ -74,7 +75,7 @@ class Problem:
             for unknown, fresh in zip(self.unknowns, self.fresh, strict=True)
         ]
         aligned = self.nuisances
-        nuisance = {number.name: number.expected for number in aligned} if given is None else given.nuisance
+        nuisance = {number.name: number.expected for number in aligned} | ({} if given is None else given.nuisance)
         start = np.array([*values, *(nuisance[number.name] for number in aligned)], float)
         ends = [(number.expected - SURE * number.sd, number.expected + SURE * number.sd) for number in aligned]
         self.low, self.high = np.array([*((unknown.low, unknown.high) for unknown in self.unknowns), *ends]).T.copy()

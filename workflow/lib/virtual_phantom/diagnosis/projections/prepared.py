@@ -236,7 +236,7 @@ def prepare(
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
     location: Mapping[str, float] | None = None,
     uncertain: StatedObject | None = None,
-    about: Mapping[str, float] | None = None,
+    first: Fit | None = None,
 ) -> PreparedScans:
     """Estimate noise, numerical errors and alignment of a recording.
 
@@ -261,8 +261,9 @@ def prepare(
         See fitting.nuisance.nuisances.
     uncertain : StatedObject, optional
         Uncertainty of the object; None: the object is exact.
-    about : mapping of str to float, optional
-        Nuisance parameters at which errors of the object and of edges are linearized; None: the expected ones.
+    first : Fit, optional
+        Fit without effects, at which errors of the object and of edges are linearized, and from which other fits begin;
+        None: these are the expected values.
 
     Raises
     ------
@@ -307,10 +308,12 @@ def prepare(
     whole = observe(taken, reference, blocks)
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
+    about = {} if first is None else first.nuisance
     linearized = LinearizationPoint.of({}, about or location or {})
     errors, found = ObjectErrors(), pose_of(linearized.nuisance)
     if uncertain is not None:
-        errors = uncertain.errors(chain.geometry_with(stated, anode), chain.samples, found, about)
+        physics = stated if first is None else before_images(first.physics)
+        errors = uncertain.errors(chain.geometry_with(physics, anode), chain.samples, found, about)
     left = numerical.left(linearized)
     if np.any(errors.left):
         left = (*left, errors.left)
@@ -347,7 +350,7 @@ def prepare(
         location,
     )
     label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
-    model = ScansModel(chain, aligned, numerical=numerical, object_errors=errors, **label)
+    model = ScansModel(chain, aligned, numerical=numerical, object_errors=errors, first=first, **label)
     fitter = Fitter(model, data, held_out, weighed, floor)
     more = {"step": step, "time_remark": time_remark, "voxels": voxels, "second_difference": between}
     return PreparedScans(fitter, data, held_out, variance, words, single, photons, **more)
