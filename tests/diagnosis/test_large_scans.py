@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis import workload
-from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections import first_noise, observed, prepared
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.shapes import DiscScene
 
@@ -52,7 +52,7 @@ def test_noise_of_selected_views_equals_that_of_all(monkeypatch, repeats):
     lines = np.stack([-np.log(state.counts(random) / air) for _ in range(repeats)]).astype(np.float32)
     taken = observed.Scans(lines, air[0], np.ones(GEOMETRY.shape, bool))
     whole = prepared.prepare(taken, None, chain, step=7)
-    monkeypatch.setattr(prepared, "MOST_LOOKED_AT", 0)
+    monkeypatch.setattr(first_noise, "MOST_LOOKED_AT", 0)
     some = prepared.prepare(taken, None, chain, step=7)
     assert some.data.mean.shape == whole.data.mean.shape
     np.testing.assert_array_equal(some.data.mean, whole.data.mean)

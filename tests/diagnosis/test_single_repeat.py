@@ -8,7 +8,7 @@ from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.fitting.trial import trial
-from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections import first_noise, observed, prepared
 from virtual_phantom.diagnosis.projections.observed import NOISE_OF_VIEWS, VIEW_PARTS
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
@@ -62,7 +62,7 @@ def test_current_changes_between_views_are_found_in_one_scan(chain):
 
 def test_current_changes_are_found_if_every_nth_view_is_fitted(chain, monkeypatch):
     """The noise is measured in neighboring views only."""
-    monkeypatch.setattr(prepared, "MOST_LOOKED_AT", 0)
+    monkeypatch.setattr(first_noise, "MOST_LOOKED_AT", 0)
     content = named(prepare_recording(chain, MODULATED, 2, step=3))
     assert [effect["name"] for effect in content["effects"]] == ["current_modulation"]
 

@@ -174,17 +174,7 @@ def prepare(
     physics = before_images(stated)
     expected, simulated = blank.images(stated, {"log_photons": np.log(TRIAL_PHOTONS)} | place, blank.nominal)
     taken = repeats if further is None else np.concatenate([repeats, further])
-    single = len(repeats) == 1
-    if len(taken) >= RECORDED_NOISE:
-        noise = (taken - taken.mean(axis=0, dtype=np.float64)) * np.sqrt(len(taken) / (len(taken) - 1))
-        # Over voxels, the ratio has an F distribution, whose median is not 1 for few repeats.
-        ratios = (noise**2).mean(axis=0)[valid] / (simulated**2).mean(axis=0)[valid]
-        ratio = float(np.median(ratios) / stats.f.median(len(taken) - 1, len(simulated)))
-    else:
-        ratio = _fine_power(taken[0] - expected, valid) / np.mean([_fine_power(noise, valid) for noise in simulated])
-        noise = simulated * np.sqrt(ratio)
-    if not ratio > 1e-9:
-        raise InputError("the repeats of the recording do not vary: are they copies of one file?")
+    noise, ratio = _noise(taken, expected, simulated, valid)
     photons = TRIAL_PHOTONS / ratio
     pose = pose_of(place)
     finely = reconstruct_finely or reconstruct
@@ -204,8 +194,9 @@ def prepare(
     errors = ObjectErrors()
     if uncertain is not None:
         numbers, changes, *_ = uncertain.amounts(chain.geometry, chain.samples, pose)
-        images = [white(reconstruct(change[None])[0] - HU_AIR).astype(np.float32) for change in changes]
-        errors = ObjectErrors(numbers, np.stack(images)) if numbers else errors
+        if numbers:
+            images = [white(reconstruct(change[None])[0] - HU_AIR).astype(np.float32) for change in changes]
+            errors = ObjectErrors(numbers, np.stack(images))
     final = model(log_photons, NOMINAL_PHOTONS_SD if stays else np.inf, object_errors=errors)
     if of_slices:
         final.recorded_noise, nulls = recorded_noise, noise
@@ -225,7 +216,36 @@ def prepare(
     floor = CORRECTION_LEFT * np.abs(white(np.broadcast_to(final.correction, expected.shape)))
     floor = np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
     fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
-    return PreparedImages(fitter, data, held_out, white.sd**2, words, single, photons)
+    return PreparedImages(fitter, data, held_out, white.sd**2, words, len(repeats) == 1, photons)
+
+
+def _noise(
+    taken: np.ndarray, expected: np.ndarray, simulated: np.ndarray, valid: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Return images of noise, and its variance relative to that of simulated noise.
+
+    Parameters
+    ----------
+    taken, simulated : ndarray, shape (images, z, y, x)
+        Repeats, and simulated noise.
+    expected : ndarray, shape (z, y, x)
+
+    Raises
+    ------
+    InputError
+        If the repeats do not vary.
+    """
+    if len(taken) >= RECORDED_NOISE:
+        noise = (taken - taken.mean(axis=0, dtype=np.float64)) * np.sqrt(len(taken) / (len(taken) - 1))
+        # Over voxels, the ratio has an F distribution, whose median is not 1 for few repeats.
+        ratios = (noise**2).mean(axis=0)[valid] / (simulated**2).mean(axis=0)[valid]
+        ratio = float(np.median(ratios) / stats.f.median(len(taken) - 1, len(simulated)))
+    else:
+        ratio = _fine_power(taken[0] - expected, valid) / np.mean([_fine_power(noise, valid) for noise in simulated])
+        noise = simulated * np.sqrt(ratio)
+    if not ratio > 1e-9:
+        raise InputError("the repeats of the recording do not vary: are they copies of one file?")
+    return noise, ratio
 
 
 def _split(repeats, further, valid, of_slices=False):

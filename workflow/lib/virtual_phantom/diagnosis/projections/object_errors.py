@@ -154,6 +154,11 @@ class ObjectErrors:
         """Nuisance parameters of the edges."""
         return tuple(Nuisance(name, "1", *EDGES[name][2:]) for name in (self.edges.names if self.edges else ()))
 
+    def remaining(self, pose: Pose) -> tuple[np.ndarray, ...]:
+        """Return the standard deviations of errors that no parameter describes, shape (views, rows, columns)."""
+        left = (self.left,) if np.any(self.left) else ()
+        return left if self.edges is None else (*left, self.edges.unknown(pose))
+
     def of_edges(self) -> ObjectErrors:
         """Return the errors of the edges alone."""
         return ObjectErrors(edges=self.edges)

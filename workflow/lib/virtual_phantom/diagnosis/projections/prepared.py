@@ -9,8 +9,6 @@ from typing import ClassVar
 import numpy as np
 from scipy.sparse import sparray
 
-from ...base.errors import InputError
-from ...base.pose import Pose
 from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.scenes.sampling import sources
@@ -23,31 +21,21 @@ from ..noise.whitening import WHITE, Correlations, Whitening, estimated, of_stat
 from ..residuals.dataset import PieceOfObject, Prepared, ResidualMaps
 from ..residuals.residual_tests import DomainTest, HalfResiduals
 from ..uncertainty.prediction_error import changes_by_parameter_errors
-from ..workload import rays_of
 from .change_kinds import kinds
 from .discretization import Numerical
+from .first_noise import every, filled, first_noise, has_rows
 from .local_mismatch import FitResidual, Piece, best_piece, object_radius_mm, refined_piece
 from .lost_rays import lost_rays_remark, truncation_of
 from .model import ScansModel
 from .object_errors import ObjectErrors, StatedObject
-from .observed import PARTS, ObservedScans, Scans, mean_squares, observe, with_noise_of_views
+from .observed import ObservedScans, Scans, observe, with_noise_of_views
 from .residual_maps import domain_tests, excess_at_edges
 
 HALVES = 4  # repeats from which every second one is held out; with fewer, every second view
-MOST_PHOTONS = 1e12  # per pixel; more means data without noise
 SIZE_SD = 5e-4  # of the object, 0.1 mm in 200 mm; with a fixed size, errors of 1 in 20,000 look like source distances
 BY_VIEW = "every second view"
 MOST_MOVES = 6  # refinements of a local object mismatch, each with a fit of the alignment
 SETTLED = 1.0  # gain in chi-square that ends the refinement
-# Least number of rows to estimate the noise of a single repeat from differences of rows, too. Most objects change
-# little from row to row, so a wrong position of the object then adds nothing to the noise estimate.
-LEAST_ROWS = 4
-# Variance of a sum of squared second differences relative to independent values: neighbors have a correlation of -2/3,
-# and second neighbors of 1/6.
-SECOND_DIFFERENCES_SHARE = 1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)
-# Rays, with all rays of a pixel counted. In a larger scan, noise is estimated only from the fitted views and the views
-# next to them. 20 million rays take 2 GB.
-MOST_LOOKED_AT = 2e7
 DISPLAY = ResidualMaps(
     unit="line_integral",
     summed=1,
@@ -195,7 +183,7 @@ class PreparedScans(Prepared):
             _whitened(replace(half, whitening=None), correlations, clean, map(half.as_recorded, half.numerical))
             for half in (data, self.held_out)
         )
-        now = of_state(state, apart=1).of_second_differences(_of_rows(self.data.usable))
+        now = of_state(state, apart=1).of_second_differences(has_rows(self.data.usable))
         variance = self.variance * self.second_difference / now
         weighed = _weighed(variance, data, clean)
         fitter = Fitter(model, data, held_out, weighed, _floor(data))
@@ -271,42 +259,12 @@ def prepare(
         If the repeats do not vary.
     """
     stated, place = before_images(stated_physics(declared or {})), pose_of(location or {})
-    large = step > 1 and rays_of(chain.geometry.shape, chain.samples) > MOST_LOOKED_AT
-    residuals, looked = None, chain
-    if large:
-        if len(taken) == 1:
-            residuals = _around(taken, chain, step, stated, anode, place)
-        taken, looked = taken.every(step), every(chain, step)
-    state = looked.state(stated, place, photons=1.0, anode=anode)
-    clean = state.line_integrals()
-    unit = np.exp(clean)  # variance of one photon per pixel in air
-    if declared:  # filters reduce the photons
-        unit = unit / state.measured_air
-    noise, squares = _noise(taken, clean, residuals)
-    single = squares is not None
-    photons = 1 / float(np.mean(noise[taken.usable] / unit[taken.usable]))
-    of_rows = _of_rows(taken.usable)
-    between = WHITE.of_second_differences(of_rows)
-    if single:
-        declares = of_state(looked.state(stated, place, photons=photons, anode=anode), apart=1).of_second_differences(
-            of_rows
-        )
-        noise, photons, between = noise * between / declares, photons * declares / between, declares
-    if not np.isfinite(photons) or photons > MOST_PHOTONS:
-        raise InputError("the repeats of the recording do not vary: are they copies of one file?")
+    taken, noise = first_noise(taken, chain, stated, place, anode, step)
     if step > 1:
-        if not large:
-            taken, clean, unit, noise = taken.every(step), clean[::step], unit[::step], noise[::step]
-            squares = None if squares is None else squares[::step]
         further = None if further is None else further.every(step)
-        chain = every(chain, step)
-        floor_chain, coarse_chain = (
-            None if chain is None else every(chain, step) for chain in (floor_chain, coarse_chain)
+        chain, floor_chain, coarse_chain = (
+            None if one is None else every(one, step) for one in (chain, floor_chain, coarse_chain)
         )
-    reference = unit / photons
-    blocks = Blocks.of(taken.usable.shape, PARTS)
-    whole = observe(taken, reference, blocks)
-    variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
     about = {} if first is None else first.nuisance
     linearized = LinearizationPoint.of({}, about or location or {})
@@ -314,37 +272,34 @@ def prepare(
     if uncertain is not None:
         physics = stated if first is None else before_images(first.physics)
         errors = uncertain.errors(chain.geometry_with(physics, anode), chain.samples, found, about)
-    left = numerical.left(linearized)
-    if np.any(errors.left):
-        left = (*left, errors.left)
-    if errors.edges is not None:
-        left = (*left, errors.edges.unknown(found))
+    left = (*numerical.left(linearized), *errors.remaining(found))
+
     fitted, held, words = split(taken, further)
-    if single:
-        correlations = of_state(chain.state(stated, place, photons=photons, anode=anode))
+    if noise.single:
+        correlations = of_state(chain.state(stated, place, photons=noise.photons, anode=anode))
     else:
-        correlations = _correlations(taken, clean, variance)
+        correlations = _correlations(taken, noise.clean, noise.variance)
     data, held_out = (
-        _whitened(observe(part, reference, blocks, correlations), correlations, clean, left) for part in (fitted, held)
+        _whitened(observe(part, noise.reference, noise.blocks, correlations), correlations, noise.clean, left)
+        for part in (fitted, held)
     )
     floor = _floor(data)
-    apart = [taken] if words == BY_VIEW else [fitted, held]
-    if single:
-        weighed = _weighed(variance, data, clean)
-        if of_rows:
-            rows = taken.usable.shape[1]
-            shared = SECOND_DIFFERENCES_SHARE * (1 if large else SECOND_DIFFERENCES_SHARE) * rows / (rows - 2)
-            data, held_out = (with_noise_of_views(half, squares / reference, shared) for half in (data, held_out))
+    if noise.single:
+        weighed = _weighed(noise.variance, data, noise.clean)
+        if noise.of_views is not None:
+            data, held_out = (with_noise_of_views(half, *noise.of_views) for half in (data, held_out))
     else:
-        weighed, freedom = _of_one_repeat(apart, reference, clean, correlations, blocks)
+        apart = [taken] if words == BY_VIEW else [fitted, held]
+        weighed, freedom = _of_one_repeat(apart, noise.reference, noise.clean, correlations, noise.blocks)
         scatter = 2 / np.maximum(freedom, 1)
         data, held_out = (replace(half, weighed=scatter) for half in (data, held_out))
         if data.whitening is not None:
             weighed = weighed * data.whitening.amplification
+
     aligned = nuisances(
         # The noise of a single repeat is not fitted, so the photons need a prior.
-        np.log(nominal_photons or photons),
-        NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf,
+        np.log(nominal_photons or noise.photons),
+        NOMINAL_PHOTONS_SD if nominal_photons or noise.single else np.inf,
         {"size": SIZE_SD} | ({} if uncertain is None else uncertain.alignment) | (known or {}),
         numerical.names,
         location,
@@ -352,88 +307,8 @@ def prepare(
     label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
     model = ScansModel(chain, aligned, numerical=numerical, object_errors=errors, first=first, **label)
     fitter = Fitter(model, data, held_out, weighed, floor)
-    more = {"step": step, "time_remark": time_remark, "voxels": voxels, "second_difference": between}
-    return PreparedScans(fitter, data, held_out, variance, words, single, photons, **more)
-
-
-def every(chain: Chain, step: int) -> Chain:
-    """Return the chain with every `step`-th view."""
-    return chain.copy(chain.geometry.every(step))
-
-
-def _around(
-    taken: Scans, chain: Chain, step: int, stated: Mapping[str, Mapping[str, float]], anode: Anode, place: Pose
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return residuals of a single repeat in every `step`-th view, and in the views before and after it.
-
-    Parameters
-    ----------
-    stated : mapping of str to mapping of str to float
-        Physics of the baseline.
-
-    Returns
-    -------
-    before, here, after : ndarray, shape (views, rows, columns)
-        For the first and the last view of the scan, the residuals around the second and the last but one view.
-    """
-    middles = np.clip(np.arange(0, chain.geometry.views, step), 1, chain.geometry.views - 2)
-
-    def left(views: np.ndarray) -> np.ndarray:
-        lines = chain.copy(chain.geometry.at(views)).state(stated, place, photons=1.0, anode=anode).line_integrals()
-        return taken.repeats[0][views] - lines
-
-    return left(middles - 1), left(middles), left(middles + 1)
-
-
-def _noise(
-    taken: Scans, clean: np.ndarray, residuals: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the variance of every ray of one repeat.
-
-    The variance comes from the spread over repeats. For a single repeat, it comes from second differences over views,
-    and over rows if there are enough. Noise is assumed to be independent.
-
-    Parameters
-    ----------
-    clean : ndarray, shape (views, rows, columns)
-        Line integrals of the baseline.
-    residuals : tuple of 3 ndarray, shape (views, rows, columns), optional
-        Result of `_around` for a single repeat; None: the views are consecutive.
-
-    Returns
-    -------
-    variance : ndarray, shape (views, rows, columns)
-    squares : ndarray, shape (views, rows, columns), or None
-        Squared second differences, scaled so that their mean is the variance; NaN without a signal. None for several
-        repeats.
-    """
-    if len(taken) > 1:
-        return taken.repeats.var(axis=0, ddof=1, dtype=np.float64) + 1e-30, None
-    if residuals is None:
-        second = _second_differences(taken.repeats[0] - clean, 0)
-    else:
-        before, here, after = residuals
-        second = before - 2 * here + after
-    if of_rows := _of_rows(taken.usable):
-        second = _second_differences(second, 1)
-    blocks = Blocks.of(second.shape, PARTS)
-    squares = np.where(taken.usable, second**2, np.nan) / WHITE.of_second_differences(of_rows)
-    level, _ = mean_squares(squares * np.exp(-clean), blocks)
-    return blocks.spread(np.maximum(level, 1e-30)) * np.exp(clean), squares
-
-
-def _of_rows(usable: np.ndarray) -> bool:
-    """Return whether there are enough rows for their differences."""
-    return usable.shape[1] >= LEAST_ROWS
-
-
-def _second_differences(array: np.ndarray, axis: int) -> np.ndarray:
-    """Return second differences along an axis; both ends repeat their neighbors."""
-    array = np.moveaxis(array, axis, 0)
-    found = np.empty_like(array)
-    found[1:-1] = array[:-2] - 2 * array[1:-1] + array[2:]
-    found[0], found[-1] = found[1], found[-2]
-    return np.moveaxis(found, 0, axis)
+    more = {"step": step, "time_remark": time_remark, "voxels": voxels, "second_difference": noise.second_difference}
+    return PreparedScans(fitter, data, held_out, noise.variance, words, noise.single, noise.photons, **more)
 
 
 def _floor(data: ObservedScans) -> np.ndarray:
@@ -506,9 +381,4 @@ def _of_one_repeat(
         level = square / np.where(freedom > FEWEST, freedom - 2, freedom)
     if not correlations.white:
         level = level / white.amplification
-    return shape * blocks.spread(_filled(level)), freedom
-
-
-def _filled(values: np.ndarray) -> np.ndarray:
-    """Fill blocks without a usable ray with the median; their rays are not used."""
-    return np.where(np.isfinite(values), values, np.nanmedian(values))
+    return shape * blocks.spread(filled(level)), freedom
