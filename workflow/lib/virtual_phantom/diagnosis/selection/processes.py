@@ -37,14 +37,17 @@ def run_parallel(
     InputError
         If a process was killed.
     """
+    import scipy.linalg  # noqa: F401  slow; threads of libraries that are loaded later would not be limited
+
     global _work
     at_once, before = min(processes, len(tasks)), _work
     _work = work
     try:
         if at_once <= 1:  # this process has the cache of traced rays
-            return [_counted(_one(task), done) for task in tasks]
+            with threadpool_limits(1):
+                return [_counted(work(*task), done) for task in tasks]
         forked = multiprocessing.get_context("fork")
-        with ProcessPoolExecutor(at_once, forked, limit_threads, (1,)) as pool:
+        with ProcessPoolExecutor(at_once, forked, _use_one_thread) as pool:
             return _of_all([pool.submit(_one, task) for task in tasks], done)
     except BrokenProcessPool as error:
         raise InputError(
@@ -55,9 +58,13 @@ def run_parallel(
         _work = before
 
 
+def _use_one_thread() -> None:
+    limit_threads(1)
+    threadpool_limits(1)
+
+
 def _one(task: tuple):
-    with threadpool_limits(1):
-        return _work(*task)
+    return _work(*task)
 
 
 def _of_all(futures: list[Future], done: Callable[[], None] | None) -> list:
