@@ -2,8 +2,9 @@
 
 The folder RECORDINGS holds discs, imported as in docs/validation/real-discs.md. Every VIEW_STEP-th view is used, and
 intensities are averaged over COLUMNS_BINNED columns. Each disc is first diagnosed as it is. The effects found there are
-declared (`baseline_from`) in two further diagnoses: of the same scan (control), and of the scan with the fault. OUT is
-a folder; finished cases in it are not repeated.
+declared (`baseline_from`) in the next diagnosis of the same scan, until none is found (ROUNDS at most). The last one is
+the control; what it declares is declared for the scan with the fault, too. OUT is a folder; finished cases in it are
+not repeated.
 
 FAULTS defines the right answers. Answers of the control do not count, unless a parameter is outside of the control's
 95 % interval. The same holds for declared effects that contradict the data, which count as named. A group of k
@@ -47,6 +48,7 @@ TRIED = (
 )
 ANGLE_WITHIN_DEG = 0.25  # largest error of a start angle that counts as right
 START_ANGLE_DEG, STEP_DEG = 180.0, 0.5  # of the files
+ROUNDS = 4  # diagnoses of a disc with what the one before has found
 ORDER, CASE = range(2)  # branches of the seed
 
 
@@ -292,21 +294,29 @@ def diagnosed_case(options, disc: str, fault: Fault | None = None, strength=0.0,
         return content, facts, round(sum(os.times()[:4]) - began, 1)
 
 
-def control_of(options, disc: str, declared: Path | None = None) -> Path:
-    """diagnosis.json of a disc without an added fault, which is made if necessary."""
-    path = options.out / "controls" / f"{disc}{'_declared' if declared else ''}.json"
-    if not path.is_file():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        content, _, seconds = diagnosed_case(options, disc, declared=declared, check_setup=not declared)
-        print(f"{path.stem}: {content['sentence']} [{seconds:.0f} s]", flush=True)
-        write_document(content, path, DIAGNOSIS)
-    return path
+def controls_of(options, disc: str) -> tuple[Path, Path]:
+    """Diagnoses (json) of a disc without an added fault: whose physics is declared, and the control that declares it.
+
+    They are made if necessary.
+    """
+    declared = None
+    for number in range(1 + ROUNDS):
+        path = options.out / "controls" / f"{disc}_{number}.json"
+        if not path.is_file():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            content, _, seconds = diagnosed_case(options, disc, declared=declared, check_setup=not declared)
+            print(f"{path.stem}: {content['sentence']} [{seconds:.0f} s]", flush=True)
+            write_document(content, path, DIAGNOSIS)
+        if declared and (number == ROUNDS or not json.loads(path.read_text(encoding="utf-8"))["effects"]):
+            break
+        declared = path
+    return declared, path
 
 
 def perturbed(options, case: dict) -> dict:
     """Row of a case: its truth, the scored answer and the CPU time."""
-    fault, declared = FAULTS[case["fault"]], control_of(options, case["disc"])
-    control = json.loads(control_of(options, case["disc"], declared).read_text(encoding="utf-8"))
+    fault, (declared, path) = FAULTS[case["fault"]], controls_of(options, case["disc"])
+    control = json.loads(path.read_text(encoding="utf-8"))
     random = generator(branch(options.seed, CASE, case["number"]))
     settings = {"declared": declared, "check_setup": fault.of_setup}
     content, facts, seconds = diagnosed_case(options, case["disc"], fault, case["strength"], random, **settings)
