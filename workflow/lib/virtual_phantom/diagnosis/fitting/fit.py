@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,7 +32,8 @@ class Fit:
     effects : tuple of str
         In the order given, without declared effects.
     physics, errors : dict of str to dict of str to float
-        {effect: {parameter: value or standard error}}, with declared effects.
+        {effect: {parameter: value or standard error}}, with declared effects. Errors that were not asked for are left
+        out, except that of a gain pattern.
     chi_square : float
         Chi-square of the fitted data and the priors.
     parts : tuple of float
@@ -67,38 +68,42 @@ class Fit:
     pattern_variance: np.ndarray | None = field(default=None, repr=False)
 
     @classmethod
-    def at(cls, problem: Problem, point: np.ndarray, errors: np.ndarray, residuals: Sequence[np.ndarray]) -> Fit:
+    def at(cls, problem: Problem, point: np.ndarray, errors: np.ndarray | None, residuals: Sequence[np.ndarray]) -> Fit:
         """Return the result of a fit that ended at a point.
 
         Parameters
         ----------
+        errors : ndarray, shape (numbers,), or None
+            Standard errors.
         residuals : sequence of ndarray, shape (data,)
             By part of the data.
         """
         model, count = problem.model, len(problem.unknowns)
         physics = {name: model.known(name) for name in problem.all_effects}
         spread: dict[str, dict[str, float]] = {name: {} for name in problem.all_effects}
-        for unknown, number, error in zip(problem.unknowns, point, errors, strict=False):
+        for index, (unknown, number) in enumerate(zip(problem.unknowns, point, strict=False)):
             physics[unknown.effect][unknown.name] = float(unknown.value(number))
-            spread[unknown.effect][unknown.name] = float(unknown.value_error(number, error))
+            if errors is not None:
+                spread[unknown.effect][unknown.name] = float(unknown.value_error(number, errors[index]))
         estimated = problem.estimated
         for name in problem.effects:
             if load(name).pattern:
                 physics[name]["rms"], spread[name]["rms"] = estimated.rms, estimated.error
-        aligned = list(zip(problem.nuisances, point[count:], errors[count:], strict=True))
-        nuisance = {number.name: float(value) for number, value, _ in aligned}
+        aligned = list(zip(problem.nuisances, point[count:], strict=True))
+        nuisance = {number.name: float(value) for number, value in aligned}
+        ends = () if errors is None else map(float, errors[count:])
         corrected = np.ravel(model.distortion(nuisance, problem.linearization)) ** 2
         return cls(
             effects=problem.effects,
             physics=physics,
             errors=spread,
             nuisance=nuisance,
-            nuisance_errors={number.name: float(error) for number, _, error in aligned},
+            nuisance_errors=dict(zip(nuisance, ends, strict=False)),
             chi_square=problem.chi_square(residuals, point),
             parts=tuple(float((w * r**2).sum()) for w, r in zip(problem.weights, residuals, strict=True)),
             free=count + problem.patterned,
             elsewhere={name: list(model.fixed[name]) for name in problem.all_effects if name in model.fixed},
-            pulled={number.name: float(number.off(value)) for number, value, _ in aligned if np.isfinite(number.sd)},
+            pulled={number.name: float(number.off(value)) for number, value in aligned if np.isfinite(number.sd)},
             linearization=problem.linearization,
             corrected=float((problem.weights[0] * corrected).sum()),
             pattern=problem.pattern,
@@ -132,30 +137,48 @@ class Fitter:
         found.model, found.kept = model, LRUCache(KEPT)
         return found
 
-    def fit(self, effects: tuple[str, ...], given: Fit | None = None, from_farther: bool = True) -> Fit:
+    def fit(
+        self,
+        effects: tuple[str, ...],
+        given: Fit | None = None,
+        from_farther: bool = True,
+        with_errors: bool = True,
+    ) -> Fit:
         """Fit all parameters of these effects and the nuisance parameters.
 
         Parameters
         ----------
         from_farther : bool, optional
             Whether a fit that has stalled is repeated from starts farther away.
+        with_errors : bool, optional
+            Whether standard errors are estimated, which takes up to half of the time.
         """
         problem = Problem(self, effects, given)
         found, predicted_decrease = self._solve(problem)
-        if predicted_decrease <= STALLED or not from_farther:
-            return found
-        others = [self._solve(Problem(self, effects, start))[0] for start in problem.farther(found)]
-        return min([found, *others], key=lambda fit: fit.chi_square)
+        if predicted_decrease > STALLED and from_farther:
+            others = [self._solve(Problem(self, effects, start))[0] for start in problem.farther(found)]
+            found = min([found, *others], key=lambda fit: fit.chi_square)
+        return self.with_errors(found) if with_errors else found
 
     def _solve(self, problem: Problem) -> tuple[Fit, float]:
         """Return a fit, and the decrease of chi-square that its derivatives still predict; 0 if it converged."""
         point = problem.best_start()
         problem.follow(point)
         alone = JointProblem({"": problem}, {"": ""})
-        found = solve(alone, alone.recompute(point))
-        return Fit.at(
-            problem, found.point, standard_errors(found.information), found.residuals[""]
-        ), found.predicted_decrease
+        found = solve(alone, alone.recompute(point), with_information=False)
+        errors = None if found.information is None else standard_errors(found.information)
+        return Fit.at(problem, found.point, errors, found.residuals[""]), found.predicted_decrease
+
+    def with_errors(self, fit: Fit) -> Fit:
+        """Return a fit with standard errors."""
+        if fit.nuisance_errors:
+            return fit
+        problem = Problem.at(self, fit)
+        alone = JointProblem({"": problem}, {"": ""})
+        here = alone.recompute(problem.start)
+        information, _ = alone.normal(alone.jacobians(here), here)
+        found = Fit.at(problem, here.point, standard_errors(information), here.residuals[""])
+        return replace(fit, errors=found.errors, nuisance_errors=found.nuisance_errors)
 
     def predicted(self, fit: Fit, held_out: bool = False) -> Prediction:
         """Return a fit's prediction of the fitted or the held-out data, without its gain pattern."""

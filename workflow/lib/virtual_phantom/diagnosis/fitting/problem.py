@@ -63,7 +63,7 @@ class Problem:
     def __init__(self, fitter, effects: tuple[str, ...], given=None, beside: str | None = None):
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
-        given = given or self.model.first
+        self._given, given = given, given or self.model.first
         self.patterned, self.pattern, self.estimated = any(load(name).pattern for name in effects), None, None
         self.linearization, self.linearized = self.model.nominal if given is None else given.linearization, 0
         self.all_effects = self.model.with_declared_effects(self.effects)
@@ -203,7 +203,12 @@ class Problem:
     def residuals(self, point: np.ndarray, reach: float = 1.0) -> list[np.ndarray]:
         """Return observed data minus prediction and gain pattern, by part, shape (data,), with whitened noise."""
         prediction = self.model.predict(*self._named(point), self.data, replace(self.linearization, reach=reach))
-        return less_pattern(self.data.residuals(prediction), self.pattern, self.data)
+        return self._less_pattern(self.data.residuals(prediction))
+
+    def _less_pattern(self, parts: list[np.ndarray]) -> list[np.ndarray]:
+        """Subtract the gain pattern: that of these residuals, with the shrinkage that was estimated last."""
+        pattern = self.pattern if self.estimated is None else self.estimated.of(parts[0].reshape(self.data.mean.shape))
+        return less_pattern(parts, pattern, self.data)
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Return a point as parameters by effect, and nuisance parameters by name."""
@@ -221,11 +226,13 @@ class Problem:
         """
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
-        residuals = less_pattern(self.data.residuals(prediction), self.pattern, self.data)
+        residuals = self._less_pattern(self.data.residuals(prediction))
         index = self.positions(("scale", "offset", *self.model.object_error_names))
         changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)
         design = np.stack([column.ravel() for column in changes])
         design, weight = np.vstack([design, self.model.object_changes(self.data)]), self.weights[0]
+        if self.estimated is not None:
+            design = np.stack([self._less_pattern([change])[0] for change in design])
         weighted = design * weight
         information = weighted @ design.T + np.diag(self.prior_precision[index])
         gradient = weighted @ residuals[0] + self.prior_precision[index] * (self.center[index] - point[index])
@@ -236,7 +243,7 @@ class Problem:
 
     def recompute_residuals(self, point: np.ndarray) -> list[np.ndarray]:
         """Estimate the gain pattern at a point if one is fitted, and return the residuals."""
-        self.pattern = None
+        self.pattern = self.estimated = None
         residuals = self.residuals(point)
         if not self.patterned:
             return residuals
@@ -257,13 +264,46 @@ class Problem:
             for part in range(len(residuals))
         ]
 
+    def inherited_jacobian(self, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray] | None:
+        """Return `jacobian` with the columns of the given fit, if it has other effects and its Jacobian is cached.
+
+        Only the columns of new effects are computed. Others change little; a search computes them again if steps gain
+        less than they predict.
+        """
+        if self._given is None or self._given.effects == self.effects:
+            return None
+        before = Problem.at(self.fitter, self._given)
+        if not before.is_cached:
+            return None
+        known, columns = dict(zip(before.keys, range(len(before.keys)), strict=True)), before.jacobian_at_start()
+        found = []
+        for index, key in enumerate(self.keys):
+            if key in known:
+                share = self.steps[index] / before.steps[known[key]]
+                column = [share * part[known[key]] for part in columns]
+                found.append(column if self.estimated is None else self._less_pattern(column))
+            else:
+                found.append([self.steps[index] * part for part in self.derivative(index, point, residuals)])
+        return [np.stack(parts) for parts in zip(*found, strict=True)]
+
+    @property
+    def keys(self) -> list[tuple[str, str]]:
+        """Effect (empty for nuisance parameters) and name of every number."""
+        unknowns = [(unknown.effect, unknown.name) for unknown in self.unknowns]
+        return [*unknowns, *(("", number.name) for number in self.nuisances)]
+
+    @property
+    def is_cached(self) -> bool:
+        """Whether `jacobian_at_start` is cached."""
+        return 8 * len(self.start) * self.data.mean.size <= MOST_KEPT
+
     def jacobian_at_start(self) -> list[np.ndarray]:
         """Return the Jacobian at the starting point, from the cache unless it is large."""
 
         def compute() -> list[np.ndarray]:
             return self.jacobian(self.start, self.residuals(self.start))
 
-        if 8 * len(self.start) * self.data.mean.size > MOST_KEPT:
+        if not self.is_cached:
             return compute()
         arrays = (self.start, self.steps, self.high, *(() if self.pattern is None else (self.pattern,)))
         linearized = self.linearization.errors.key, self.linearization.rays.key
@@ -284,7 +324,8 @@ class Problem:
         """Return the change of predictions per unit of one number, by part, as a one-sided difference."""
         if (name := self._name(index)) in self.model.object_error_names:
             change = self.model.object_changes(self.data)[self.model.object_error_names.index(name)]
-            return [change, *(np.zeros_like(part) for part in residuals[1:])]
+            changes = [change, *(np.zeros_like(part) for part in residuals[1:])]
+            return changes if self.estimated is None else self._less_pattern(changes)
         step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
         moved = point.copy()
         moved[index] += step

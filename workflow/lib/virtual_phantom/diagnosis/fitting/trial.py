@@ -20,7 +20,13 @@ class Trial:
     p: float
 
 
-def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None) -> Trial:
+def trial(
+    fitter: Fitter,
+    effects: tuple[str, ...],
+    given: Trial | None = None,
+    against: Trial | None = None,
+    with_errors: bool = True,
+) -> Trial:
     """Fit and score effects.
 
     Parameters
@@ -28,8 +34,11 @@ def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, 
     against : Trial, optional
         Fit without the last effect, for its p-value; None: p is 1, and a fit that stalls is not repeated from starts
         farther away. There are many alternatives, and each repetition takes minutes in a large scan.
+    with_errors : bool, optional
+        As Fitter.fit.
     """
-    fit = fitter.fit(effects, None if given is None else given.fit, from_farther=against is not None)
+    start = None if given is None else given.fit
+    fit = fitter.fit(effects, start, from_farther=against is not None, with_errors=with_errors)
     p = 1.0 if against is None else effect_p_value(fit, against.fit, effects[-1])
     return Trial(fit, fitter.score(fit), p)
 

@@ -29,12 +29,15 @@ class Pattern:
         Variance of the true constants, whitened, about them.
     rms, error : float
         Standard deviation of the true constants, and its standard error.
+    of : callable
+        Returns the estimates for other residuals, with the same shrinkage: a linear function.
     """
 
     values: np.ndarray
     variance: np.ndarray
     rms: float
     error: float
+    of: Callable[[np.ndarray], np.ndarray]
 
 
 def pattern_p_value(rms: float, error: float) -> float:
@@ -66,24 +69,35 @@ def estimate(
     """
     total = sums(weight)
     good = total > 0
-    mean = np.where(good, sums(weight * residual) / np.where(good, total, 1), 0)
     noise = np.where(good, 1 / np.where(good, total, 1), 0)
+
+    def averaged(values: np.ndarray) -> np.ndarray:
+        return np.where(good, sums(weight * values) / np.where(good, total, 1), 0)
+
+    mean = averaged(residual)
     if not good.any():
-        return Pattern(mean, noise, 0.0, 0.0)
+        return Pattern(mean, noise, 0.0, 0.0, averaged)
     rough, left = _without_smooth(mean, good)
     square = rough[good] ** 2 / left
     excess = float((square - noise[good]).mean())
     rms = float(np.sqrt(max(0.0, excess)))
     typical = float(square.mean())
     error = typical * np.sqrt(2 / good.sum()) / (2 * max(rms, np.sqrt(typical / np.sqrt(good.sum()))))
-    share = np.where(good, rms**2 / np.maximum(rms**2 + noise, 1e-300), 0) if rms else 0
+    share = np.where(good, rms**2 / np.maximum(rms**2 + noise, 1e-300), 0) if rms else np.zeros_like(noise)
     smooth = (mean - rough)[good]
     expected = (1 - left) * float((rms**2 + noise[good]).mean())
-    values = share * (mean if float((smooth**2).mean()) <= SMOOTH_FACTOR * expected else rough)
+    with_smooth = float((smooth**2).mean()) <= SMOOTH_FACTOR * expected
+
+    def constants(values: np.ndarray) -> np.ndarray:
+        found = averaged(values)
+        found = share * (found if with_smooth else _without_smooth(found, good)[0])
+        return found if whitening is None else whitening.pixels(found)
+
+    values = constants(residual)
     if whitening is not None:  # which makes white constants of pixels rougher
-        values, larger = whitening.pixels(values), whitening.roughness(_widths(mean.shape))
+        larger = whitening.roughness(_widths(mean.shape))
         rms, error = rms / larger, error / larger
-    return Pattern(values, share * noise, rms, float(error))
+    return Pattern(values, share * noise, rms, float(error), constants)
 
 
 def _widths(shape: tuple[int, ...]) -> list[float]:

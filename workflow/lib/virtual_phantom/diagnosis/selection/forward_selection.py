@@ -136,7 +136,7 @@ def choose(
     """
     accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
     # Fits from other starts stay out of the cache, which holds one fit for each set of effects.
-    refit = partial(trials, fitter, processes=processes, progress=progress)
+    refit = partial(trials, fitter, processes=processes, progress=progress, with_errors=False)
     screen = partial(screened, fitter, processes=processes, progress=progress)
     fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, kept=kept), screen)
     fits.alone = fits.filters(baseline.fit, fits.others(())) if alone is None else alone
@@ -170,6 +170,8 @@ class ForwardSelection:
         """Select effects."""
         self.add_effects()
         choice = self.exchange_effects()
+        fit = self.fits.fitter.with_errors(choice.chosen.fit)
+        choice = replace(choice, chosen=replace(choice.chosen, fit=fit))
         found = self._filters_beside(choice.chosen) if choice.chosen.fit.effects else {}
         significant = [name for name, one in found.items() if stands_out(one, len(found), 2 * LEAST_GAIN)]
         undecided = {name: found[name].gain / 2 for name in significant}
