@@ -313,6 +313,6 @@ def test_alignment_at_its_limit_changes_the_verdict_text(scene):
     content = found.content
     assert [effect["name"] for effect in content["effects"]] == ["scatter"]
     assert content["verdict"] == "mismatch partly explained"
-    assert any(line.startswith("log photons of the alignment reached the limit") for line in content["doubts"])
+    assert any(line.startswith("logarithm of the photons is") for line in content["doubts"])
     assert content["verdict_lines"][0].startswith("Best explanation: scatter")
     assert "RMS" in content["sentence"]
