@@ -39,7 +39,7 @@ def check_scans(taken: Scans, source: str) -> None:
     if lost > MOST_LOST:
         raise InputError(
             f"{source}: {100 * lost:.0f} % of the rays have no signal (under {LEAST_TRANSMISSION:g} of air) or "
-            "saturate the detector; check that the white field is from this scan and that the object is not opaque"
+            "saturate the detector; check that the white field is from this scan and the object not opaque"
         )
 
 
