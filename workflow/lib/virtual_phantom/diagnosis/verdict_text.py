@@ -32,6 +32,7 @@ DOMAINS = {
     "edges": "object edges",
     "pixels": "detector pixels",
     "projections": "projection blocks",
+    "alignment": "nuisance parameters",
     "both halves": "residuals common to both halves",
     "image": "image blocks",
 }
@@ -183,7 +184,8 @@ def _mismatch(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
         return VerdictLine("Fit on held-out data", text, rank=2)
     if named and content["unexplained"]:
         size = practice.get("remaining", {}).get("hu")
-        text = f"largest in {location_text(content['unexplained'][0])}"
+        worst = content["unexplained"][0]
+        text = f"{'' if worst['domain'] == KINDS else 'largest in '}{location_text(worst)}"
         if size is not None and abs(size["value"]) > 2 * size["error"]:
             hu = float(f"{abs(size['value']):.2g}")  # two digits
             text += f"; up to {hu:g} HU in images"
