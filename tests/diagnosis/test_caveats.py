@@ -60,7 +60,7 @@ def test_rays_without_counts_are_reported_or_rejected():
     (line,) = cautions(scans(chain(), usable=usable), chain())
     assert line.startswith("1.6 % of the rays have no signal")
     usable[:, :, 10:] = False
-    with pytest.raises(InputError, match="84 % of the rays measured nothing"):
+    with pytest.raises(InputError, match="84 % of the rays have no signal"):
         check_scans(scans(chain(), usable=usable), "bench")
 
 

@@ -115,7 +115,7 @@ def test_effect_that_forces_the_alignment_beyond_its_priors_is_detected(scene):
     """A quarter fewer photons than declared: the alignment reaches its limits, and the noise nearly fits."""
     _, found = diagnosed(scene, {"photon_flux": {"factor": 0.75}}, library=("scatter", "motion"))
     places = {place.domain: place for place in found.after}
-    assert places["alignment"].significant and places["alignment"].where.startswith("log_photons, 5.0 standard")
+    assert places["alignment"].significant and places["alignment"].where.startswith("logarithm of the photons, 5.0")
     assert found.content["verdict"] == "unexplained"
     _, found = diagnosed(scene, {"photon_flux": {"factor": 0.75}}, library=("scatter", "photon_flux"))
     assert not {place.domain: place for place in found.after}["alignment"].significant
@@ -313,6 +313,6 @@ def test_alignment_at_its_limit_changes_the_verdict_text(scene):
     content = found.content
     assert [effect["name"] for effect in content["effects"]] == ["scatter"]
     assert content["verdict"] == "mismatch partly explained"
-    assert any(line.startswith("log photons of the alignment reached the limit") for line in content["doubts"])
+    assert any(line.startswith("logarithm of the photons is") for line in content["doubts"])
     assert content["verdict_lines"][0].startswith("Best explanation: scatter")
     assert "RMS" in content["sentence"]

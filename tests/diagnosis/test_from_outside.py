@@ -277,7 +277,7 @@ def test_effect_warns_at_a_bound_and_if_absent(scene, leaking):
     errors = {"leakage": dict.fromkeys(values["leakage"], 0.01)}
     fit = replace(choice.chosen.fit, effects=("leakage",), physics=values, errors=errors)
     (doubt,) = doubts(replace(choice, chosen=replace(choice.chosen, fit=fit)), prepared_data.fitter.model, {})
-    assert doubt == "voltage behind the housing of leakage is 105 kV (stated: 100, known within 1)"
+    assert doubt == "voltage behind the housing of leakage is at its upper bound, 105 kV (stated: 100 ± 1)"
 
 
 SHARED = ("noise", "fitting", "residuals", "uncertainty", "selection", "verdict", "comparison", "planning", "scanner")

@@ -203,7 +203,7 @@ def test_scanner_diagnosis_writes_a_document_and_a_page():
     assert [effect["name"] for effect in content["effects"]] == ["scatter"]
     assert content["verdict_lines"][0].startswith("Shared missing physics: scatter (amount 0.0")
     assert content["verdict_lines"][0].endswith("), in 3 recordings.")
-    assert content["verdict_lines"][1].startswith("Fit on left-out recordings: ")
+    assert content["verdict_lines"][1].startswith("Fit on held-out recordings: ")
     assert content["excess_rms_removed"]["worst"] > 0.8
     amount = content["effects"][0]["parameters"]["amount"]
     assert set(amount["without"]) == set(DISCS) and amount["ci95"][0] < 0.03 < amount["ci95"][1] * 1.1

@@ -69,7 +69,7 @@ def shifted_detector_module(chain):
         (lambda chain: 0.02 * np.sin(lines(chain)), "depends on the line integral alone"),
         (lambda chain: 0.01 * np.sin(2 * TURN + 1) * np.ones_like(lines(chain)), "varies from view to view"),
         (lambda chain: -np.log(np.where(np.arange(48)[:, None, None] % 17 == 5, 0.97, 1.0)), "single views only"),
-        (shifted_detector_module, "moves along columns, in a part of the columns"),
+        (shifted_detector_module, "shifts parts of the detector along columns"),
         (lambda chain: 0.02 * lines(chain) + 0.003, None),  # another density and a drift, which the alignment absorbs
     ],
 )

@@ -94,12 +94,12 @@ def test_consistent_data_have_nothing_wrong(tmp_path):
     assert first == (
         "Missing physics: not determined, because the scanned object is not known and the tube voltage is not stated."
     )
-    assert last.startswith("Most helpful: the object and its material")
+    assert last.startswith("Next: state the object and its material")
     assert checks["noise"]["values"]["relative_sd"] == pytest.approx(0.002, rel=0.1)
     assert checks["geometry"]["values"]["distance"] == pytest.approx(1, abs=0.01)
     paths = {name: tmp_path / name for name in ("diagnosis", "physics", "report", "maps")}
     write_results(found, type("Paths", (), paths))
-    assert "opposite rays" in paths["report"].read_text() and "Wrong in the data" not in paths["report"].read_text()
+    assert "opposite rays" in paths["report"].read_text() and "Problems in the data" not in paths["report"].read_text()
 
 
 def test_faults_of_a_fan_beam_are_found(tmp_path):

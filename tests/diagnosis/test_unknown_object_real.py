@@ -46,7 +46,7 @@ def test_clipped_radiographs_of_balls(tmp_path):
     # Shadows of the balls intersect in 614 mm^3 in this direction, and in 273 mm^3 in that of the .ang file.
     assert recording.scan["direction"] == 1
     assert recording.geometry.magnification == pytest.approx(867.5093 / 149.2543)
-    assert "values were clipped" in first and "Most helpful: the counts as the detector read them" in last
+    assert "values were clipped" in first and "Next: give the counts as the detector read them" in last
     assert "8 bits" in checks["stored values"]["text"]
     assert checks["repeated views"]["wrong"] and "views 0 and 16" in checks["repeated views"]["text"]
     assert "noise" not in checks
@@ -57,7 +57,7 @@ def test_frames_without_angles(tmp_path):
     fields = {name: str(folder / f"{name}.tif") for name in ("flat", "dark")}
     options = {"angles": "unknown", "beam": "parallel", "unit": "element"}
     (first, *_, last), checks = verdict(import_projections(folder / "CT.tif", tmp_path / "frames", **fields, **options))
-    assert "view angles are not known" in first and "Most helpful: the view angles" in last
+    assert "view angles are not known" in first and "Next: state the view angles" in last
     assert checks["dark signal"]["values"]["dark"] == pytest.approx(244, abs=1)
     assert {"gain", "noise"} <= set(checks) and not {"geometry", "linearity", "repeated views"} & set(checks)
 

@@ -91,8 +91,8 @@ def test_missing_physics_is_reported_with_its_fit_and_the_remaining_mismatch():
     )
     assert found == [
         "Missing physics: scatter (amount 0.0531, kernel width 62.4 mm).",
-        "Fit on held-out data: excess RMS 0.0129 -> 0.00271 (79 % removed); noise 0.011.",
-        "Remaining mismatch: object edges (the 10 % steepest rays), 0.31 HU in images.",
+        "Fit on held-out data: excess RMS of line integrals 0.0129 -> 0.00271 (79 % removed); noise 0.011.",
+        "Remaining mismatch: largest in object edges (the 10 % steepest rays); up to 0.31 HU in images.",
         "Also significant, below the relevance thresholds: anti-scatter grid or dark signal.",
         "Next: to confirm scatter, repeat the scan with the beam collimated to a few rows.",
     ]
@@ -148,7 +148,10 @@ def test_all_is_removed_only_if_no_mismatch_remains():
     assert "(over 99.9 % removed)" in lines_of("scatter", excess_rms_removed=1.0, unexplained=[PLACE])[1]
     assert "(over 99.9 % removed)" in lines_of("scatter", excess_rms_removed=0.9999)[1]
     # Without a smaller RMS there is no share.
-    assert lines_of("scatter", excess_rms_removed=-0.1)[1] == "Fit on held-out data: RMS 0.017 -> 0.0113; noise 0.011."
+    assert (
+        lines_of("scatter", excess_rms_removed=-0.1)[1]
+        == "Fit on held-out data: RMS of line integrals 0.017 -> 0.0113; noise 0.011."
+    )
 
 
 def test_object_mismatch_and_its_location():
@@ -207,7 +210,7 @@ def test_five_most_important_of_many_lines_are_shown():
             [
                 "Scan set-up error: direction.",
                 "Correction: scan.direction: -1.",
-                "Unexplained variance of line integrals: 88 % as described, 23 % as corrected.",
+                "Unexplained variance of line integrals: 88 % with the stated set-up, 23 % after correction.",
                 "Effects: none fitted; correct the set-up first.",
             ],
         ),
@@ -216,7 +219,7 @@ def test_five_most_important_of_many_lines_are_shown():
             [
                 "Wrong object: the scan does not show the study's phantom.",
                 "Unexplained variance of HU inside the body: at least 23 % for all tested voxel orders and locations.",
-                "Next: name the scanned object in the configuration.",
+                "Next: state the scanned object in the configuration.",
                 "Effects: none fitted; correct the set-up first.",
             ],
         ),
@@ -296,27 +299,27 @@ def spectrum(kvp=60.0, sensor_mm=0.6):
         (
             spectrum(kvp=75.0),
             {"tube_kvp": 80.0},
-            ["tube voltage of spectrum is 75 kV (stated: 80, known within 1)"],
+            ["tube voltage of spectrum is at its lower bound, 75 kV (stated: 80 ± 1)"],
         ),
         (
             spectrum(kvp=150.0),
             {},
-            ["tube voltage of spectrum is 150 kV (not stated, the upper end of its range)"],
+            ["tube voltage of spectrum is at its upper bound, 150 kV (not stated)"],
         ),
         (
             spectrum(sensor_mm=0.01),
             {},
-            ["sensor thickness of spectrum is 0.01 mm (not stated, the lower end of its range)"],
+            ["sensor thickness of spectrum is at its lower bound, 0.01 mm (not stated)"],
         ),
         (
             {"scatter": {"amount": 0.6, "width_mm": 60.0}},
             {"declared": {"scatter": {"amount": Statement(0.5, 0.02)}}},
-            ["amount of scatter is 0.6 (stated: 0.5, known within 0.02)"],
+            ["amount of scatter is at its upper bound, 0.6 (stated: 0.5 ± 0.02)"],
         ),
         (
             {"scatter": {"amount": 0.1, "width_mm": 200.0}},
             {},
-            ["width of scatter is 200 mm (not stated, the upper end of its range)"],
+            ["width of scatter is at its upper bound, 200 mm (not stated)"],
         ),
     ],
 )
@@ -328,17 +331,17 @@ def test_declared_sensor_is_called_declared():
     """Five standard deviations of 5 % in the logarithm: a factor of 1.28."""
     thin = 0.6 * np.exp(-5 * sensors.STATED_SD)
     found, _ = doubted(spectrum(sensor_mm=thin), sensor=sensors.sensor_from_label("caesium_iodide", 0.6))
-    assert found == ["sensor thickness of spectrum is 0.467 mm (stated: 0.6, known within 5 %)"]
+    assert found == ["sensor thickness of spectrum is at its lower bound, 0.467 mm (stated: 0.6 ± 5 %)"]
 
 
 def test_shift_of_the_alignment_is_reported_with_the_setting_to_correct():
     found, advised = doubted({}, {"scale": 0.975, "offset": 0.01, "log_photons": np.log(PHOTONS) - 0.1})
     assert found == [
-        "log photons, scale and offset of the alignment reached the limit of the fit (5 SD of the prior: 12.1, prior "
-        "12.2 ± 0.02; 0.975, prior 1 ± 0.005; 0.01, prior 0 ± 0.002)"
+        "logarithm of the photons is 12.1 (prior 12.2 ± 0.02), object density scale is 0.975 (prior 1 ± 0.005) and air "
+        "offset is 0.01 (prior 0 ± 0.002), at the limit of the fit (5 SD of the prior)"
     ]
     # Photons have their own setting.
-    assert [line.split()[0] for line in advised] == ["Scale", "Offset"]
+    assert [" ".join(line.split()[:3]) for line in advised] == ["The object density", "The air offset"]
     assert "density of the object" in advised[0] and "alignment: {scale: SD}" in advised[0]
     assert "prior SD of 0.002. If its error may be larger" in advised[1] and "alignment: {offset: SD}" in advised[1]
     assert doubted({}, {"scale": 0.98}) == ([], [])

@@ -201,7 +201,7 @@ def test_rois_outside_of_the_image_are_rejected(aligned):
     speck = np.zeros(GRID.shape, bool)
     speck[10, 30, 30] = True
     wide = Volume(np.zeros((8, 22, 22), np.float32), Grid((8, 22, 22), (10.0, 10.0, 10.0), OTHER_GRID.centre_mm))
-    with pytest.raises(InputError, match="ROI speck fills no voxel"):
+    with pytest.raises(InputError, match="ROI speck does not fill half of any voxel"):
         transfer_rois(found, [Roi("speck", "a", speck)], GRID, wide, "a")
 
 

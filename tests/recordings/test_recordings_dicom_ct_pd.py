@@ -200,10 +200,13 @@ def test_corrections_photons_and_labels_are_read_and_patient_data_are_not(scan, 
 @pytest.mark.parametrize(
     "spoil, message",
     [
-        (lambda f: change(f, 5, SeriesInstanceUID="1.2.3"), "is of another scan than view000001.dcm by its series"),
+        (
+            lambda f: change(f, 5, SeriesInstanceUID="1.2.3"),
+            "belongs to another scan than view000001.dcm, because its series",
+        ),
         (
             lambda f: change(f, 5, FOCAL_RADIUS=541.0),
-            "another scan than view000001.dcm by its distance of the focal center",
+            "another scan than view000001.dcm, because its distance of the focal center",
         ),
         (lambda f: (f / "view000020.dcm").unlink(), "view 20 is missing, between view000019.dcm and view000021.dcm"),
         (lambda f: change(f, 5, InstanceNumber=6), "view 6 is also in view000005.dcm"),

@@ -180,4 +180,4 @@ def test_listing_reads_only_what_it_needs_from_a_table(table):
     features_table(1).query("roi == 'cyst_1'").to_csv(folder / "b.csv", index=False)
     alone = listing({})
     assert "clinic: features, 1 repeat\n" in alone and "of 1 ROI, 1 image\n" in alone
-    assert "missing  a second repeat (without one there is no noise floor)" in alone
+    assert "missing  a second repeat (with one repeat, the noise is not known)" in alone

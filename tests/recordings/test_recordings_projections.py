@@ -167,7 +167,7 @@ def test_summary_lists_what_is_missing(tmp_path):
     content = changed(content, "repeats", ["a.h5"]) | {"phantom": "synthetic", "nominal": {"tube_kvp": 80}}
     missing = summarize_recording(load_recording(write_yaml(folder, content)))["missing"]
     assert missing == [
-        "a second repeat (without one there is no noise floor)",
+        "a second repeat (with one repeat, the noise is not known)",
         "nominal.anode",
         "nominal.filtration",
         "nominal.sensor",

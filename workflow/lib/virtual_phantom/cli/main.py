@@ -34,12 +34,13 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="virtual-phantom",
         description=__doc__,
-        epilog=f"{DEBUG}, at any position, prints the traceback of an error.",
+        epilog="Then run a study: snakemake --cores 2 --configfile my.yaml. Guides: docs/getting-started/index.md.\n"
+        f"{DEBUG}, at any position, prints the traceback of an error.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(dest="command", required=True)
     init = commands.add_parser("init", help="write a configuration for a CT and its segmented regions")
-    init.add_argument("image", metavar="CT", help="folder with one DICOM series, or NIfTI file; HU")
+    init.add_argument("image", metavar="CT", help="folder with one DICOM series, or NIfTI file, in HU")
     init.add_argument("--labels", required=True, help="label map, DICOM SEG, RTSTRUCT, or folder of NIfTI masks")
     init.add_argument("--out", default="my.yaml", help="configuration to write; default my.yaml")
     quoting = "; put names with commas in double quotes, or repeat the option"
@@ -52,13 +53,18 @@ def _parser() -> argparse.ArgumentParser:
     init.add_argument(
         "--rois", action="append", default=[], help="""use only these labels or names: 5,'"GTV, left"'""" + quoting
     )
-    init.add_argument("--size", choices=SIZES, default="normal", help="quick: a trial run of minutes; default normal")
-    init.add_argument("--not-checked", default="", help="checks of the CT to skip, with the names in their messages")
+    init.add_argument(
+        "--size", choices=SIZES, default="normal", help="quick: a trial of a few minutes; normal (default): for results"
+    )
+    init.add_argument("--not-checked", default="", help="names of the checks of the CT to skip, as in their messages")
     init.add_argument("--fill-gaps", action="store_true", help="interpolate missing slices between two drawn slices")
     init.add_argument("--force", action="store_true", help="overwrite existing files")
     check = commands.add_parser("check", help="list all errors of a configuration and its files")
     check.add_argument(
-        "configs", metavar="CONFIG", nargs="+", help="as after --configfile: later files change keys of earlier files"
+        "configs",
+        metavar="CONFIG",
+        nargs="+",
+        help="configuration files, as after --configfile: later files override earlier ones",
     )
     export = commands.add_parser("export", help="write projections of a study in another format")
     export.add_argument("format", choices=("dicom-ct-pd",), help="one DICOM file per view")

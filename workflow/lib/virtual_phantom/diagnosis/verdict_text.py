@@ -32,6 +32,7 @@ DOMAINS = {
     "edges": "object edges",
     "pixels": "detector pixels",
     "projections": "projection blocks",
+    "alignment": "nuisance parameters",
     "both halves": "residuals common to both halves",
     "image": "image blocks",
 }
@@ -127,7 +128,8 @@ def _conclusion(content: Mapping, named: Sequence[Mapping]) -> VerdictLine:
     else:
         text = "unknown; no effect of Virtual Phantom explains the difference"
         if content.get("at_bounds"):
-            text += f"; {enumerated(list(map(effect_name, content['at_bounds'])))} fits best, at the end of its range"
+            best = enumerated(list(map(effect_name, content["at_bounds"])))
+            text += f"; {best} fits best, but with a parameter at its bound"
     return VerdictLine("Missing physics", text)
 
 
@@ -161,7 +163,8 @@ def _improvement(content: Mapping) -> VerdictLine | None:
     if removed is not None and removed > 0:
         before, after = (math.sqrt(max(0.0, value**2 - noise**2)) for value in (before, after))
         share = f" ({percent(removed, content)} removed)"
-    text = f"{'excess ' * bool(share)}RMS {before:.3g} -> {after:.3g}{unit}{share}; noise {noise:.3g}{unit}"
+    name = f"{'excess ' * bool(share)}RMS{'' if unit else ' of line integrals'}"
+    text = f"{name} {before:.3g} -> {after:.3g}{unit}{share}; noise {noise:.3g}{unit}"
     return VerdictLine("Fit on held-out data", text, rank=2)
 
 
@@ -181,10 +184,11 @@ def _mismatch(content: Mapping, named: Sequence[Mapping]) -> VerdictLine | None:
         return VerdictLine("Fit on held-out data", text, rank=2)
     if named and content["unexplained"]:
         size = practice.get("remaining", {}).get("hu")
-        text = location_text(content["unexplained"][0])
+        worst = content["unexplained"][0]
+        text = f"{'' if worst['domain'] == KINDS else 'largest in '}{location_text(worst)}"
         if size is not None and abs(size["value"]) > 2 * size["error"]:
             hu = float(f"{abs(size['value']):.2g}")  # two digits
-            text += f", {hu:g} HU in images"
+            text += f"; up to {hu:g} HU in images"
         return VerdictLine("Remaining mismatch", text, rank=3)
     if not named and content["verdict"] == UNEXPLAINED:
         found = [DIFFERENCES[name].format(f"{value:.3g}") for name, value in practice.get("differing", {}).items()]
@@ -261,7 +265,7 @@ def _location(content: Mapping, stated: Mapping[str, float]) -> VerdictLine | No
     if "turn_deg" in location:  # images, which are always registered
         turn = content["alignment"]["turn_deg"]["value"]
         ends = ", seen from its other end" if content["setup"].get("mirrored") else ""
-        text = f"registered {distance:.3g} mm off {where}, turned by {turn:.2g} degrees{ends}"
+        text = f"registered {distance:.3g} mm off {where}, rotated by {turn:.2g} degrees{ends}"
         return VerdictLine("Object location", text, rank=4)
     line = ", ".join(f"{name}: {value:g}" for name, value in location.items() if value or stated.get(name))
     key = f"diagnosis.recordings.{content['recording']}.location"
@@ -317,10 +321,10 @@ def setup_lines(setup: Mapping, scanned: str) -> list[VerdictLine | None]:
         return [
             VerdictLine("Wrong object", f"the scan does not show {scanned}"),
             VerdictLine(variance, f"at least {corrected} for all tested {searched}"),
-            VerdictLine("Next", "name the scanned object in the configuration"),
+            VerdictLine("Next", "state the scanned object in the configuration"),
             tried,
         ]
-    changed = f"{described} as described, {corrected} as corrected" if described != corrected else ""
+    changed = f"{described} with the stated set-up, {corrected} after correction" if described != corrected else ""
     mistakes = setup["mistakes"]
     return [
         VerdictLine("Scan set-up error", "; ".join(mistakes)),
@@ -346,7 +350,7 @@ def scanner_lines(content: Mapping) -> list[VerdictLine | None]:
     remaining = f"in {', '.join(unexplained)}" if unexplained else ""
     return [
         VerdictLine("Shared missing physics", shared),
-        _removed("Fit on left-out recordings", content["excess_rms_removed"]),
+        _removed("Fit on held-out recordings", content["excess_rms_removed"]),
         _removed(f"Fit on {', '.join(tests)} (not used for selection)", content["excess_rms_removed_judged"]),
         contradiction(content),
         *(

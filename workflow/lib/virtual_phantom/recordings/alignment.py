@@ -178,8 +178,8 @@ def transfer_rois(
         mask[window] = block_mean(share, samples) >= HALF_COVERED
         if not mask.any():
             raise InputError(
-                f"recording {name}: ROI {roi.name} fills no voxel by half ({image.grid}); it is too small for these "
-                "voxels, remove it"
+                f"recording {name}: ROI {roi.name} does not fill half of any voxel ({image.grid}); it is too small, "
+                "remove it"
             )
         transferred.append(replace(roi, mask=mask))
     return tuple(transferred)

@@ -55,7 +55,7 @@ def fit_circle(plane: np.ndarray, spacing: Sequence[float], radius: float) -> tu
         angle, distance = np.arctan2(y - center[1], x - center[0]), np.hypot(x - center[0], y - center[1])
         near = np.abs(distance / radius - 1) < SEARCHED
         if len(np.unique(np.degrees(angle[near]).round())) < LEAST_DEGREES:
-            raise InputError(f"there is no round object of {2 * radius:g} mm inside the image")
+            raise InputError(f"there is no round object with a diameter of {2 * radius:g} mm inside the image")
         left = np.abs(distance - np.median(distance[near]))
         near &= left <= max(OUTLIER * 1.4826 * np.median(left[near]), spacing[1] / 4)
         design = np.column_stack([2 * x, 2 * y, np.ones(len(x))])[near]

@@ -58,7 +58,7 @@ def summarize_recording(
     # projections, the configuration states the object.
     missing = ["phantom"] if recording.kind == "images" and not recording.phantom else []
     if (content["images_per_condition"][0] if is_table else repeats) < 2:
-        missing.append("a second repeat (without one there is no noise floor)")
+        missing.append("a second repeat (with one repeat, the noise is not known)")
     if not held_out and not is_table:
         missing.append("held_out")
     if not is_table and (keys := missing_for_geometry(recording.scan)):

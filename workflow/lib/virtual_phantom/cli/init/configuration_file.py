@@ -139,15 +139,15 @@ def _scan(proposal: Proposal) -> str:
 
 
 NOTES = {
-    "reconstruction": "terms: most operator pairs; they yield the image of SIRT after the number of `iterations`.",
+    "reconstruction": "The image is that of SIRT after `iterations`, computed with at most `terms` projections.",
     "noise": (
         "A is the inverse of the photons per detector pixel in air; repeats are scans with different noise. The values "
         "are taken from {study}; figures/noise_calibration shows the variance that they give for your CT. null removes "
         "an entry of {base}."
     ),
     "protocols": (
-        "projections: views of the whole scan. group: a number; feature stability is measured between protocols that "
-        "have one. No two have the same. null removes an entry of {base}."
+        "projections: views of the whole scan. group: a number of its own; feature stability is measured between "
+        "protocols that have one. null removes an entry of {base}."
     ),
     "analyses": "Analyses of the scans; null instead of a section removes it.",
 }

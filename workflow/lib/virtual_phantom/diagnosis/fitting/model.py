@@ -145,9 +145,9 @@ class Model(ABC):
         low, high = KVP[self.anode.target]
         tube, sensor = Label("", low=low, high=high), self.chain.sensor
         if self.tube_kvp is not None:
-            words = f"stated: {self.tube_kvp:g}, known within {TUBE_KVP_SD:g}"
+            words = f"stated: {self.tube_kvp:g} ± {TUBE_KVP_SD:g}"
             tube = Label(words, self.tube_kvp, TUBE_KVP_SD, low, high)
-        words = f"stated: {sensor.thickness_mm:g}, known within {100 * sensor.thickness_sd:g} %"
+        words = f"stated: {sensor.thickness_mm:g} ± {100 * sensor.thickness_sd:g} %"
         known = sensor.thickness_sd <= STATED_SD
         thickness = Label(words if known else "", sensor.thickness_mm, sensor.thickness_sd)
         return {TUBE_VOLTAGE: tube, SENSOR_THICKNESS: thickness}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from ...base.names import label
 from ...physics.scenes.scene import Pose
 
 # Bound on the deviation from a prior, in standard deviations. If much physics is missing, a Gaussian prior alone does
@@ -23,6 +24,15 @@ LOCATION = ("x_mm", "y_mm", "z_mm")
 PLACE = (*LOCATION, "turn_deg")
 POSES = (*PLACE, "size")
 PIECE = "piece_"  # prefix of the names of local mismatches' attenuation
+# Names for texts, where they are not clear in themselves
+NAMES = {
+    "log_photons": "logarithm of the photons",
+    "scale": "object density scale",
+    "offset": "air offset",
+    "size": "object size",
+    "turn_deg": "object rotation",
+    **{name: f"object position {name[0]}" for name in LOCATION},
+}
 
 
 @dataclass(frozen=True)
@@ -37,6 +47,11 @@ class Nuisance:
     def off(self, value: float) -> float:
         """Return the deviation of a value from the prior, in standard deviations."""
         return (value - self.expected) / self.sd
+
+
+def display_name(name: str) -> str:
+    """Return the name of a nuisance parameter for texts."""
+    return NAMES.get(name) or label(name)
 
 
 def nuisances(

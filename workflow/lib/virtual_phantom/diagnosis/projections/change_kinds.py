@@ -49,17 +49,17 @@ def kinds(
     dense = {
         "depends on the line integral alone": lambda: [lines**2, lines**3, np.exp(-lines), np.exp(lines - lines.max())],
         "varies from view to view, equally in all pixels": lambda: of_views + odd_views,
-        "is the same in every view, by column": lambda: [column**k for k in (1, 2, 3, 4)] + [odd[2]],
-        "is the same in every view, by row": lambda: [row, row**2, odd[1][:, None]],
-        "drifts over the scan, by column or row": lambda: [time * k for k in (column, column**2, column**3, row)],
-        "scales line integrals, by view": lambda: [lines * factor for factor in of_views],
-        "scales line integrals, by column or row": lambda: [lines * factor for factor in of_pixels],
+        "varies by column and is the same in every view": lambda: [column**k for k in (1, 2, 3, 4)] + [odd[2]],
+        "varies by row and is the same in every view": lambda: [row, row**2, odd[1][:, None]],
+        "drifts differently by column or row": lambda: [time * k for k in (column, column**2, column**3, row)],
+        "scales line integrals by a factor that varies by view": lambda: [lines * factor for factor in of_views],
+        "scales line integrals by a factor that varies by pixel": lambda: [lines * factor for factor in of_pixels],
         "blurs along columns": lambda: [_slope(by_column, 2), by_column**2],
         "blurs along rows": lambda: [_slope(by_row, 1), by_row**2],
         "blurs from view to view": lambda: [by_view, _slope(by_view, 0), by_view**2],
-        "moves along columns, by view": lambda: [by_column * shift for shift in (1.0, column, *of_views)],
-        "moves along rows, by view": lambda: [by_row * shift for shift in (1.0, row, *of_views)],
-        "moves along columns, in a part of the columns": lambda: [by_column * part for part in parts],
+        "shifts views along columns": lambda: [by_column * shift for shift in (1.0, column, *of_views)],
+        "shifts views along rows": lambda: [by_row * shift for shift in (1.0, row, *of_views)],
+        "shifts parts of the detector along columns": lambda: [by_column * part for part in parts],
     }
     for words, fields in dense.items():
         fields = [field for field in fields() if np.ptp(field) > 0]

@@ -38,8 +38,8 @@ def check_scans(taken: Scans, source: str) -> None:
     lost = 1 - taken.usable.mean()
     if lost > MOST_LOST:
         raise InputError(
-            f"{source}: {100 * lost:.0f} % of the rays measured nothing (under {LEAST_TRANSMISSION:g} of air) or were "
-            "saturated; is the white field another scan's, or the object opaque?"
+            f"{source}: {100 * lost:.0f} % of the rays have no signal (under {LEAST_TRANSMISSION:g} of air) or "
+            "saturate the detector; check that the white field is from this scan and the object not opaque"
         )
 
 

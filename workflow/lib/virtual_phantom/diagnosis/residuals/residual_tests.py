@@ -10,7 +10,7 @@ from scipy import special, stats
 
 from ...statistics.multiplicity import bonferroni, holm
 from ..fitting.fit import Fit
-from ..fitting.nuisance import PLACE
+from ..fitting.nuisance import PLACE, display_name
 from ..noise.condensed import FEWEST, Blocks, Observed
 
 EDGES = "edges"  # domain of the data with the steepest slopes
@@ -125,7 +125,7 @@ def alignment_tests(fit: Fit, numerical: Collection[str]) -> list[DomainTest]:
         return []
     names, values = list(z), np.array(list(z.values()))
     words = "{}, {:.1f} standard deviations from its prior"
-    return [extreme("alignment", values, lambda i: words.format(names[i], abs(values[i])))]
+    return [extreme("alignment", values, lambda i: words.format(display_name(names[i]), abs(values[i])))]
 
 
 def standardized(sums, total, extra=0.0) -> np.ndarray:

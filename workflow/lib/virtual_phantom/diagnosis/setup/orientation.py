@@ -65,14 +65,14 @@ STATED = Orientation("as stated", "", _flipped())
 OTHERS = (
     Orientation("mirrored left to right", "flip x", _flipped(2)),
     Orientation("mirrored front to back", "flip y", _flipped(1)),
-    Orientation("turned by 180 degrees", "flip x and y", _flipped(1, 2)),
+    Orientation("rotated by 180 degrees", "flip x and y", _flipped(1, 2)),
     Orientation("slices in the other order", "flip z", _flipped(0)),
     Orientation("face down, feet first", "flip y and z", _flipped(0, 1)),
     Orientation("feet first", "flip x and z", _flipped(0, 2)),
     Orientation("mirrored in all directions", "flip x, y and z", _flipped(0, 1, 2)),
     Orientation("x and y swapped", "swap x and y", _transposed(), square=True),
-    Orientation("turned by 90 degrees", "rotate by 90 degrees about z", _transposed(1), square=True),
-    Orientation("turned by -90 degrees", "rotate by -90 degrees about z", _transposed(2), square=True),
+    Orientation("rotated by 90 degrees", "rotate by 90 degrees about z", _transposed(1), square=True),
+    Orientation("rotated by -90 degrees", "rotate by -90 degrees about z", _transposed(2), square=True),
 )
 CHANGE = "repeats: {} in the image files or in their affine"
 

@@ -83,9 +83,9 @@ def unknown_object_diagnosis(recording: Recording) -> Diagnosis:
     rest = [finding.text for finding in findings if not finding.wrong]
     lines = [
         VerdictLine("Missing physics", f"not determined, because {enumerated(_unknown(recording, findings))}"),
-        *([VerdictLine("Wrong in the data", "; ".join(wrong))] if wrong else []),
+        *([VerdictLine("Problems in the data", "; ".join(wrong))] if wrong else []),
         *([VerdictLine("Measured", "; ".join(rest))] if rest else []),
-        VerdictLine("Most helpful", f"{facts[0]}" + (f"; then {enumerated(facts[1:])}" if facts[1:] else "")),
+        VerdictLine("Next", "; then ".join(facts)),
     ]
     content = {
         "recording": recording.name,
@@ -117,22 +117,22 @@ def _unknown(recording: Recording, findings: list[DataFinding]) -> list[str]:
 
 
 def _helpful_facts(recording: Recording, findings: list[DataFinding]) -> list[str]:
-    """Return the facts that would help, the most helpful first."""
-    facts = ["the object and its material (diagnosis.recordings)"]
+    """Return what to state or to replace, the most helpful first."""
+    facts = ["state the object and its material (diagnosis.recordings)"]
     subjects = [finding.subject for finding in findings if finding.wrong]
     if recording.kind != "projections":
-        return ["the images in HU as the scanner wrote them"] * ("stored values" in subjects) + facts
+        return ["give the images in HU as the scanner wrote them"] * ("stored values" in subjects) + facts
     scan = recording.scan
     if scan.get("angles_deg") == UNKNOWN:
-        facts.insert(0, "the view angles")
+        facts.insert(0, "state the view angles")
     if "stored values" in subjects:
-        facts.insert(0, "the counts as the detector read them, with a flat field")
+        facts.insert(0, "give the counts as the detector read them, with a flat field")
     if scan.get("length_unit") == ELEMENT:
-        facts.append("the pixel size in mm")
+        facts.append("state the pixel size in mm")
     if scan.get("beam") == PARALLEL:
-        facts += ["the energy of the beam"] * ("energy_kev" not in recording.nominal)
+        facts += ["state the energy of the beam"] * ("energy_kev" not in recording.nominal)
     elif "tube_kvp" not in recording.nominal:
-        facts.append("tube voltage and filter")
+        facts.append("state tube voltage and filter")
     return facts
 
 

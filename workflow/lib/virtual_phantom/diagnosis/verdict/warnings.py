@@ -13,7 +13,7 @@ from ...physics.effect import Parameter, load
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit
 from ..fitting.model import Model
-from ..fitting.nuisance import SURE, Nuisance
+from ..fitting.nuisance import SURE, Nuisance, display_name
 from ..fitting.steps import interval
 from ..fitting.unknown import Unknown
 from ..residuals.dataset import Prepared
@@ -106,11 +106,12 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
     fit = choice.chosen.fit
     found = [phrase for _, _, phrase in _at_bounds(fit, model)]
     if pulled := _pulled(fit, model):
-        names = enumerated([label(number.name) for number in pulled])
-        moved = "; ".join(
-            f"{fit.nuisance[number.name]:.3g}, prior {number.expected:.3g} ± {number.sd:.3g}" for number in pulled
-        )
-        found.append(f"{names} of the alignment reached the limit of the fit ({SURE:g} SD of the prior: {moved})")
+        moved = [
+            f"{display_name(number.name)} is {fit.nuisance[number.name]:.3g} (prior {number.expected:.3g} ± "
+            f"{number.sd:.3g})"
+            for number in pulled
+        ]
+        found.append(f"{enumerated(moved)}, at the limit of the fit ({SURE:g} SD of the prior)")
     left = held_out.get("chi_square_mean", {}).get("after", 1.0)
     if left > MOST_CHI_SQUARE:
         found.append(f"chi-square per datum is {left:.2f} (1.00 for noise alone)")
@@ -140,8 +141,9 @@ def _at_bounds(fit: Fit, model: Model) -> list[tuple[str, Parameter, str]]:
             if abs(value - bound) <= AT_BOUND * (high - low):
                 parameter = plausible[unknown.effect, unknown.name]
                 name, amount = _quantity(parameter, value)
-                known = _stated(unknown, model) or f"not stated, the {end} end of its range"
-                found.append((unknown.effect, parameter, f"{name} of {label(unknown.effect)} is {amount} ({known})"))
+                known = _stated(unknown, model) or "not stated"
+                phrase = f"{name} of {label(unknown.effect)} is at its {end} bound, {amount} ({known})"
+                found.append((unknown.effect, parameter, phrase))
     return found
 
 
@@ -159,7 +161,7 @@ def advice(fit: Fit, model: Model) -> list[str]:
             continue
         why = "; the density of the object is often known to a few percent only" * (number.name == "scale")
         found.append(
-            f"{label(number.name).capitalize()} of the alignment has a prior SD of {number.sd:.3g}{why}. "
+            f"The {display_name(number.name)} has a prior SD of {number.sd:.3g}{why}. "
             f"If its error may be larger, set alignment: {{{number.name}: SD}} under diagnosis.recordings "
             "(docs/how-to/diagnosis.md)."
         )
@@ -184,7 +186,7 @@ def _stated(unknown: Unknown, model: Model) -> str:
     """Return a parameter's prior in words; empty if there is none."""
     declared = model.declared.get(unknown.effect, {}).get(unknown.name)
     if declared is not None:
-        return f"stated: {declared.value:g}, known within {declared.sd:g}"
+        return f"stated: {declared.value:g} ± {declared.sd:g}"
     nominal = unknown.parameter.nominal
     return model.labels[nominal].words if nominal else ""
 

@@ -39,6 +39,6 @@ EFFECT = Effect(
     apply=apply,
     removed_by=("beam_hardening",),
     absolute_attenuation=True,
-    if_absent="The label says a tube of {tube_kvp:g} kV, but no beam hardening is seen: the recording may have been "
+    if_absent="The stated tube voltage is {tube_kvp:g} kV, but the data show no beam hardening: they may have been "
     "corrected for it already.",
 )

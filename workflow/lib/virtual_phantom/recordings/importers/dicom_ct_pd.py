@@ -232,10 +232,10 @@ def _common(views: list[View]) -> dict:
         for tag, words in SAME.items():
             here = _value(view, tag)
             if here != common[tag]:
-                values = "" if words == "series" else f": {here}, not {common[tag]}"
+                values = "differs" if words == "series" else f"is {here}, not {common[tag]}"
                 raise InputError(
-                    f"{view.path}: is of another scan than {first.path.name} by its {words} {Tag(tag)}{values}; use a "
-                    "folder with one scan"
+                    f"{view.path}: belongs to another scan than {first.path.name}, because its {words} {Tag(tag)} "
+                    f"{values}; use a folder with one scan"
                 )
     not_lines = ", so the values are not line integrals; export logarithmic data"
     for tag, accepted, name, advice in (
