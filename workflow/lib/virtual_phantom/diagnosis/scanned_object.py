@@ -37,7 +37,7 @@ def scene_of(request: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene 
     InputError
         If the file of the object is missing or invalid.
     """
-    if request.settings.simulation is not None:
+    if request.settings.simulation is not None or request.settings.of_scan:
         return simulated_object(request)
     disc, other, energy = request.settings.disc, request.settings.object, request.energy_kev or DISC_ENERGY_KEV
     if disc is not None:
@@ -70,14 +70,14 @@ def read_simulated_images(path: str | Path) -> Volume:
 
 
 def simulated_slice(request: DiagnosisRequest) -> Volume:
-    """Return the mean slice of the user's own simulation of images, HU.
+    """Return the mean slice of the user's own simulation of images, or of another scan, HU.
 
     Raises
     ------
     InputError
         If it cannot be read.
     """
-    volume = read_simulated_images(request.settings.simulation)
+    volume = request.other_scan or read_simulated_images(request.settings.simulation)
     count = len(volume.array)
     slices = shown_slices(request.settings.slices if count > 1 else None, count)
     hu = volume.array[slices].mean(axis=0, keepdims=True, dtype=np.float64)
@@ -85,7 +85,7 @@ def simulated_slice(request: DiagnosisRequest) -> Volume:
 
 
 def simulated_object(request: DiagnosisRequest) -> PrismScene:
-    """Return the mean slice of the user's own simulation of images as an object.
+    """Return the mean slice of the user's own simulation of images, or of another scan, as an object.
 
     Raises
     ------
@@ -95,7 +95,8 @@ def simulated_object(request: DiagnosisRequest) -> PrismScene:
     simulated, materials = simulated_slice(request), request.materials
     hu = np.where(simulated.array[0] < AIR_BELOW_HU, HU_AIR, simulated.array[0])
     if not (hu > HU_AIR).any():
-        raise InputError(f"{request.settings.simulation}: shows nothing but air; give images in HU")
+        path = request.settings.object.scan if request.settings.of_scan else request.settings.simulation
+        raise InputError(f"{path}: shows nothing but air; give images in HU")
     shares, energy = materials.fractions(hu, request.mu_water_per_mm), energy_of("water", request.mu_water_per_mm)
     return PrismScene(shares, simulated.grid, materials.materials, energy)
 

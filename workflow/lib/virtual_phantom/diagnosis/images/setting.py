@@ -31,6 +31,7 @@ from ..scanned_object import MOST_SLICES, scene_of
 from ..selection.forward_selection import Choice
 from ..workload import SAMPLES
 from .model import REALIZATIONS
+from .other_scan import placed
 from .own_simulation import simulated_images
 from .prepared import PreparedImages, prepare
 from .scan import MARGIN_MM, ImagedObject, finer_scan, imaged_object
@@ -115,8 +116,15 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         finely = partial(_reconstructed_finely, finer, request, voxels.made)
         # Scanners set air to one value; edges next to such voxels are cut off, too.
         valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
-        if settings.simulation is not None:
-            finely, (shown,) = None, voxels.taken([simulated_images(request, recording)], mirrored=False)
+        if settings.simulation is not None or settings.of_scan:
+            if settings.of_scan:
+                images = placed(request.other_scan, recording.grid, settings.slices, settings.location)
+                # All repeats of a slice are compared with the same noise of the other scan.
+                every = repeats if further is None else np.concatenate([repeats, further])
+                repeats, further = every.mean(axis=0, keepdims=True), None
+            else:
+                images = simulated_images(request, recording)
+            finely, (shown,) = None, voxels.taken([images], mirrored=False)
             simulated = shown.mean(axis=0, keepdims=True)
             # Differences between simulated slices are no physics of the mean slice.
             repeats, further = (

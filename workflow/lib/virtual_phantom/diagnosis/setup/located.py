@@ -87,7 +87,8 @@ def locate(recording: ImagesRecording, request: DiagnosisRequest) -> ObjectLocat
     known = expected(drawn.grid.shape[1:], drawn.grid.spacing[1:]), drawn.grid.spacing
     found = find(image, spacing, *known)
     # An object that is constant along z may be seen from its other end.
-    other = find(image[:, ::-1], spacing, *known) if imaged.prism else found
+    either = imaged.prism and not request.settings.of_scan
+    other = find(image[:, ::-1], spacing, *known) if either else found
     mirrored = other.inside > found.inside + CLEARLY_BETTER
     if mirrored:
         found, image = other, image[:, ::-1]
