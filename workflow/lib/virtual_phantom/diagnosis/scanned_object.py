@@ -69,8 +69,13 @@ def read_simulated_images(path: str | Path) -> Volume:
     return read_hu(Path(path), not_checked=(WINDOW, SIZE))
 
 
-def simulated_slice(request: DiagnosisRequest) -> Volume:
+def simulated_slice(request: DiagnosisRequest, which: slice = slice(None)) -> Volume:
     """Return the mean slice of the user's own simulation of images, or of another scan, HU.
+
+    Parameters
+    ----------
+    which : slice, optional
+        Slices that are averaged, among those that show the object.
 
     Raises
     ------
@@ -80,19 +85,21 @@ def simulated_slice(request: DiagnosisRequest) -> Volume:
     volume = request.other_scan or read_simulated_images(request.settings.simulation)
     count = len(volume.array)
     slices = shown_slices(request.settings.slices if count > 1 else None, count)
-    hu = volume.array[slices].mean(axis=0, keepdims=True, dtype=np.float64)
+    hu = volume.array[slices][which].mean(axis=0, keepdims=True, dtype=np.float64)
     return Volume(hu, Grid(hu.shape, volume.grid.spacing))
 
 
-def simulated_object(request: DiagnosisRequest) -> PrismScene:
+def simulated_object(request: DiagnosisRequest, which: slice = slice(None)) -> PrismScene:
     """Return the mean slice of the user's own simulation of images, or of another scan, as an object.
+
+    For the argument see simulated_slice.
 
     Raises
     ------
     InputError
         If it cannot be read or shows nothing but air.
     """
-    simulated, materials = simulated_slice(request), request.materials
+    simulated, materials = simulated_slice(request, which), request.materials
     hu = np.where(simulated.array[0] < AIR_BELOW_HU, HU_AIR, simulated.array[0])
     if not (hu > HU_AIR).any():
         path = request.settings.object.scan if request.settings.of_scan else request.settings.simulation

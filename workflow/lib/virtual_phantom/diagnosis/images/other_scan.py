@@ -85,6 +85,21 @@ def heights_mm(grid: Grid) -> np.ndarray:
     return grid.centre_mm[2] + grid.axes_mm()[0]
 
 
+def apart(count: int, step: int) -> tuple[slice, slice]:
+    """Return alternate slices: those that the model has, and those that are compared.
+
+    A model with the noise of the compared slices would fit better if an effect smoothed it. Slices at the distance
+    `step` have independent noise. Both have the same mean height.
+
+    Parameters
+    ----------
+    count : int
+        Number of slices.
+    """
+    end = count - (count - 1) % (2 * step)
+    return slice(step, end, 2 * step), slice(0, end, 2 * step)
+
+
 def placed(scan: Volume, grid: Grid, slices: tuple[int, int], location: Mapping[str, float]) -> Volume:
     """Return a scan of the object at this location, interpolated on the pixels of a grid; air in other slices."""
     pose = Pose(**{key: value for key, value in location.items() if key != "z_mm"})
