@@ -41,8 +41,8 @@ FINER = 2  # pixels, views and voxels of the images that show the error of finit
 CUT_OFF = 2  # voxels next to constant air that are excluded
 LEAST_INDEPENDENT = 4  # slices with independent noise
 LEAST_CORRELATED = 0.03  # correlation of the noise of slices below which it is estimation noise
-# Correlation of slices up to which they count as independent of the model, if another scan is the object. An effect that
-# smooths the noise of the model then gains at most 2 x 0.05^2 = 0.5 % of the variance.
+# Correlation of slices up to which they count as independent of the model, if another scan is the object. An effect
+# that smooths the noise of the model then gains at most 2 x 0.05^2 = 0.5 % of the variance.
 INDEPENDENT = 0.05
 LEAST_SLICES = 4  # fewer do not show noise correlation along z, and cannot be split for a single repeat
 
