@@ -100,11 +100,13 @@ def apart(count: int, step: int) -> tuple[slice, slice]:
     return slice(step, end, 2 * step), slice(0, end, 2 * step)
 
 
-def placed(scan: Volume, grid: Grid, slices: tuple[int, int], location: Mapping[str, float]) -> Volume:
+def placed(
+    scan: Volume, grid: Grid, slices: tuple[int, int], location: Mapping[str, float], order: int = CUBIC
+) -> Volume:
     """Return a scan of the object at this location, interpolated on the pixels of a grid; air in other slices."""
     pose = Pose(**{key: value for key, value in location.items() if key != "z_mm"})
     of, at = (Grid((1, *one.shape[1:]), one.spacing) for one in (scan.grid, grid))
     array = np.full(grid.shape, HU_AIR, np.float32)
     for z in range(slices[0], slices[1] + 1):
-        array[z] = sampled(scan.array[z : z + 1], of, at, pose, order=CUBIC, outside=HU_AIR)
+        array[z] = sampled(scan.array[z : z + 1], of, at, pose, order, outside=HU_AIR)
     return Volume(array, grid)

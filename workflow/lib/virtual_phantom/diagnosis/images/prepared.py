@@ -120,6 +120,7 @@ def prepare(
     slices_variance: float | None = None,
     reconstruct_finely: Callable[[np.ndarray], np.ndarray] | None = None,
     known_image: np.ndarray | None = None,
+    known_error: np.ndarray | float = 0.0,
     filters: bool = False,
     uncertain: StatedObject | None = None,
 ) -> PreparedImages:
@@ -151,6 +152,8 @@ def prepare(
         of both images then corrects every prediction. None: `reconstruct`, and no correction.
     known_image : ndarray, shape (z, y, x), optional
         Image that the model gives with declared physics only, HU; replaces this correction.
+    known_error : ndarray, shape (z, y, x), or float, optional
+        Standard deviation of errors of `known_image`, HU.
     filters : bool, optional
         Whether `reconstruct` takes `mtf`, as reconstruction.images.reconstruct_hu does; else images are filtered.
 
@@ -213,7 +216,8 @@ def prepare(
         final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
     data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
     # The correction is exact for one set of parameters; a part of it remains at edges that effects change.
-    floor = CORRECTION_LEFT * np.abs(white(np.broadcast_to(final.correction, expected.shape)))
+    left, known_error = (white(np.broadcast_to(hu, expected.shape)) for hu in (final.correction, known_error))
+    floor = np.hypot(CORRECTION_LEFT * left, known_error)
     floor = np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
     fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
     return PreparedImages(fitter, data, held_out, white.sd**2, words, len(repeats) == 1, photons)

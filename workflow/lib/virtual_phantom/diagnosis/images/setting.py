@@ -113,14 +113,16 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     if of_slices:
         # Scanners set air to one value; edges next to such voxels are cut off, too.
         valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
+    known_error = 0.0
     if settings.of_scan:
-        images = placed(request.other_scan, recording.grid, settings.slices, settings.location)
-        (shown,) = voxels.taken([images], mirrored=False)
+        where = request.other_scan, recording.grid, settings.slices, settings.location
+        shown, linear = voxels.taken([placed(*where), placed(*where, order=1)], mirrored=False)
         # All repeats of a slice are compared with the same noise of the other scan.
         every = repeats if further is None else np.concatenate([repeats, further])
         difference, further = every.mean(axis=0) - shown, None
         step = 1 + len(slice_correlations(difference[None], valid[0], INDEPENDENT))
         modeled, compared = apart(len(shown), step)
+        known_error = (shown - linear)[modeled].mean(axis=0, keepdims=True)
         simulated, scene = shown[modeled].mean(axis=0, keepdims=True), simulated_object(request, modeled)
         repeats = (difference[compared] + simulated)[None]
     samples = settings.samples or SAMPLES
@@ -157,6 +159,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         slices_variance=slices_variance,
         reconstruct_finely=finely,
         known_image=simulated,
+        known_error=known_error,
         filters=filters_projections(protocol.algorithm, protocol.settings),
         uncertain=StatedObject.of(request, scene),
     )
