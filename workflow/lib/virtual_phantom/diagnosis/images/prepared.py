@@ -34,7 +34,7 @@ EDGE_VOXELS = 1.0  # SD of the average of this error
 RECORDED_NOISE = 3  # repeats from which the noise is estimated from the data; with fewer, by simulation
 FINE = 0.5  # of the highest in-plane frequency, above which noise dominates
 TRIAL_PHOTONS = 1e5  # of simulated noise before it is scaled to the recording
-NOISE_DIFFERS, NOISE_SURE = 0.25, 4.0  # change of the mean frequency that is stated, relative and in SD; choices
+NOISE_DIFFERS, NOISE_SURE = 0.25, 4.0  # change of mean frequency or noise that is stated, relative and in SD; choices
 NULLS = 4  # batches of realizations for the scatter of noise statistics
 
 
@@ -55,8 +55,15 @@ DISPLAY = ResidualMaps(
 
 @dataclass(frozen=True)
 class PreparedImages(Prepared):
-    """Images prepared for fits."""
+    """Images prepared for fits.
 
+    Attributes
+    ----------
+    noise_of_scan : float or None
+        Noise of another scan in place of an object, over that of the recording (standard deviations).
+    """
+
+    noise_of_scan: float | None = None
     display: ClassVar[ResidualMaps] = DISPLAY
 
     def domains(
@@ -67,7 +74,11 @@ class PreparedImages(Prepared):
 
     def caveats(self, fit: Fit) -> list[str]:
         """See Prepared.caveats; with the noise spectrum of slices, which is not fitted."""
-        model = self.fitter.model
+        model, ratio = self.fitter.model, self.noise_of_scan
+        if ratio is not None:  # the noise is that of both scans
+            if ratio < 1 + NOISE_DIFFERS:
+                return []
+            return [f"The other scan has {ratio:.2g} times the noise of the recording: small differences are not seen."]
         if model.recorded_noise is None:
             return []
         simulated = model.noise_images(fit.physics, fit.nuisance, fit.linearization)

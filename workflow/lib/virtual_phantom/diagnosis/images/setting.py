@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -44,6 +46,7 @@ LEAST_CORRELATED = 0.03  # correlation of the noise of slices below which it is 
 # Correlation of slices up to which they count as independent of the model, if another scan is the object. An effect
 # that smooths the noise of the model then gains at most 2 x 0.05^2 = 0.5 % of the variance.
 INDEPENDENT = 0.05
+LEAST_DIFFERENCE_HU = 0.5  # of two scans, whose HU are whole numbers
 LEAST_SLICES = 4  # fewer do not show noise correlation along z, and cannot be split for a single repeat
 
 
@@ -113,18 +116,11 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     if of_slices:
         # Scanners set air to one value; edges next to such voxels are cut off, too.
         valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
-    known_error = 0.0
+    known_error, noise_of_scan = 0.0, None
     if settings.of_scan:
-        where = request.other_scan, recording.grid, settings.slices, settings.location
-        shown, linear = voxels.taken([placed(*where), placed(*where, order=1)], mirrored=False)
-        # All repeats of a slice are compared with the same noise of the other scan.
-        every = repeats if further is None else np.concatenate([repeats, further])
-        difference, further = every.mean(axis=0) - shown, None
-        step = 1 + len(slice_correlations(difference[None], valid[0], INDEPENDENT))
-        modeled, compared = apart(len(shown), step)
-        known_error = (shown - linear)[modeled].mean(axis=0, keepdims=True)
-        simulated, scene = shown[modeled].mean(axis=0, keepdims=True), simulated_object(request, modeled)
-        repeats = (difference[compared] + simulated)[None]
+        found = compare_scans(recording, request, voxels, valid[0])
+        repeats, further, simulated, known_error = found.repeats, None, found.mean, found.error
+        scene, noise_of_scan = simulated_object(request, found.modeled), found.noise
     samples = settings.samples or SAMPLES
     detector = {"sensor": nominal.sensor, "readout": AIR}
     chains = model_and_floor(scene, protocol.geometry, samples, **detector)
@@ -142,7 +138,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
             )
         slices_variance = correlated_variance(repeats, valid[0])
         repeats, further = (None if stacks is None else slices_as_repeats(stacks) for stacks in (repeats, further))
-    return prepare(
+    prepared = prepare(
         repeats,
         further,
         *chains,
@@ -163,6 +159,60 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         filters=filters_projections(protocol.algorithm, protocol.settings),
         uncertain=StatedObject.of(request, scene),
     )
+    return replace(prepared, noise_of_scan=noise_of_scan)
+
+
+class ComparedScans(NamedTuple):
+    """Comparison of a recording with another scan.
+
+    Attributes
+    ----------
+    modeled : slice
+        Slices of the other scan, among those that show the object, whose mean the model has.
+    mean, error : ndarray, shape (1, y, x)
+        This mean and the standard deviation of its interpolation error, HU.
+    repeats : ndarray, shape (1, z, y, x)
+        Recording minus other scan in the compared slices, plus `mean`, HU.
+    noise : float
+        See PreparedImages.noise_of_scan.
+    """
+
+    modeled: slice
+    mean: np.ndarray
+    error: np.ndarray
+    repeats: np.ndarray
+    noise: float
+
+
+def compare_scans(
+    recording: ImagesRecording, request: DiagnosisRequest, voxels: ComparedVoxels, valid: np.ndarray
+) -> ComparedScans:
+    """Compare a recording with another scan.
+
+    Parameters
+    ----------
+    valid : ndarray of bool, shape (y, x)
+
+    Raises
+    ------
+    InputError
+        For too few slices, or equal images.
+    """
+    settings, path = request.settings, request.settings.object.scan
+    where = request.other_scan, recording.grid, settings.slices, settings.location
+    shown, linear = voxels.taken([placed(*where), placed(*where, order=1)], mirrored=False)
+    # All repeats of a slice are compared with the same noise of the other scan.
+    recorded = voxels.taken([*recording.repeats, *recording.held_out], mirrored=False).mean(axis=0)
+    if len(shown) < (least := 2 * LEAST_INDEPENDENT - 1):
+        raise InputError(f"{path}: shows {len(shown)} slices of the recording; a comparison of scans needs {least}")
+    difference = recorded - shown
+    if np.abs(difference).max() < LEAST_DIFFERENCE_HU:
+        raise InputError(f"{path}: has the images of the recording; give another scan of the object")
+    # Along z, noise changes more than the object.
+    variance, of_scan = (_variogram(one[None], valid)[2] for one in (recorded, shown))
+    modeled, compared = apart(len(shown), 1 + len(slice_correlations(difference[None], valid, INDEPENDENT)))
+    mean, error = (one[modeled].mean(axis=0, keepdims=True) for one in (shown, shown - linear))
+    return ComparedScans(modeled, mean, error, (difference[compared] + mean)[None], math.sqrt(of_scan / variance))
 
 
 def _reconstructed(
