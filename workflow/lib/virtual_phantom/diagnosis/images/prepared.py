@@ -132,6 +132,7 @@ def prepare(
     reconstruct_finely: Callable[[np.ndarray], np.ndarray] | None = None,
     known_image: np.ndarray | None = None,
     known_error: np.ndarray | float = 0.0,
+    noise_of_scan: float | None = None,
     filters: bool = False,
     uncertain: StatedObject | None = None,
 ) -> PreparedImages:
@@ -165,6 +166,8 @@ def prepare(
         Image that the model gives with declared physics only, HU; replaces this correction.
     known_error : ndarray, shape (z, y, x), or float, optional
         Standard deviation of errors of `known_image`, HU.
+    noise_of_scan : float, optional
+        See PreparedImages.
     filters : bool, optional
         Whether `reconstruct` takes `mtf`, as reconstruction.images.reconstruct_hu does; else images are filtered.
 
@@ -192,7 +195,12 @@ def prepare(
     photons = TRIAL_PHOTONS / ratio
     pose = pose_of(place)
     finely = reconstruct_finely or reconstruct
-    coarse = reconstruct(chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
+    lines = chain.state(physics, pose, anode=anode).line_integrals()
+    if noise_of_scan is not None:
+        # The mean of logarithms of noisy counts has a bias. Another scan contains that of its own noise.
+        bias = chain.state(physics, pose, photons=photons, anode=anode).log_noise()[0]
+        lines = lines + 2 * noise_of_scan**2 / (1 + noise_of_scan**2) * bias
+    coarse = reconstruct(lines[None])[0]
     finer = coarse
     if known_image is None:
         finer = finely(floor_chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
@@ -231,7 +239,9 @@ def prepare(
     floor = np.hypot(CORRECTION_LEFT * left, known_error)
     floor = np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
     fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
-    return PreparedImages(fitter, data, held_out, white.sd**2, words, len(repeats) == 1, photons)
+    return PreparedImages(
+        fitter, data, held_out, white.sd**2, words, len(repeats) == 1, photons, noise_of_scan=noise_of_scan
+    )
 
 
 def _noise(

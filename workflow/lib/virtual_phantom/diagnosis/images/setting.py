@@ -138,7 +138,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
             )
         slices_variance = correlated_variance(repeats, valid[0])
         repeats, further = (None if stacks is None else slices_as_repeats(stacks) for stacks in (repeats, further))
-    prepared = prepare(
+    return prepare(
         repeats,
         further,
         *chains,
@@ -156,10 +156,10 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         reconstruct_finely=finely,
         known_image=simulated,
         known_error=known_error,
+        noise_of_scan=noise_of_scan,
         filters=filters_projections(protocol.algorithm, protocol.settings),
         uncertain=StatedObject.of(request, scene),
     )
-    return replace(prepared, noise_of_scan=noise_of_scan)
 
 
 class ComparedScans(NamedTuple):
