@@ -35,8 +35,8 @@ OF_IMAGES = (
 
 
 OF_SCAN = (
-    "Its mean slice is also the object, constant along z, whose images change with effects. Both are compared slice by "
-    "slice. Physics that both scans share is not found."
+    "The mean of every second slice, or fewer, is also the object, constant along z, whose images change with effects. "
+    "Both scans are compared in the slices between. Physics that both scans share is not found."
 )
 
 

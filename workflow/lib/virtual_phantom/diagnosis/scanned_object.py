@@ -1,4 +1,4 @@
-"""The scanned object as a scene: the study's phantom, a disc, an object of shapes, a label map or a mask."""
+"""The scanned object as a scene: the study's phantom, a disc, shapes, a label map, a mask, or images of the object."""
 
 from __future__ import annotations
 

@@ -1,13 +1,14 @@
 """Another scan of the same object, in place of a description of it.
 
-As with the user's own simulation (own_simulation), its mean slice is also an object that is constant along z. Both
-scans are compared slice by slice, so that the differences between slices show the noise of both.
+The mean of some slices is the model, and also an object that is constant along z (as in own_simulation). In the other
+slices, both scans are compared, so that the differences between slices show the noise of both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -76,8 +77,8 @@ def read_scan(path: str | Path, recording: ImagesRecording) -> Volume:
         raise InputError(f"{other.document.path}: holds {other.kind}; give a recording of images")
     if other.document.path.resolve() == recording.document.path.resolve():
         raise InputError(f"{path}: is the diagnosed recording; give another scan of the object")
-    images = [*other.repeats, *other.held_out]
-    return Volume(np.mean([image.array for image in images], axis=0, dtype=np.float64), other.grid)
+    count = len(other.repeats) + len(other.held_out)
+    return Volume(sum(image.array / count for image in chain(other.repeats, other.held_out)), other.grid)
 
 
 def heights_mm(grid: Grid) -> np.ndarray:

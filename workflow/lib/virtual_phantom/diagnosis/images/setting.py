@@ -118,7 +118,9 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
     known_error, noise_of_scan = 0.0, None
     if settings.of_scan:
-        found = compare_scans(recording, request, voxels, valid[0])
+        # All repeats of a slice are compared with the same noise of the other scan.
+        every = repeats if further is None else np.concatenate([repeats, further])
+        found = compare_scans(every.mean(axis=0), recording.grid, request, voxels, valid[0])
         repeats, further, simulated, known_error = found.repeats, None, found.mean, found.error
         scene, noise_of_scan = simulated_object(request, found.modeled), found.noise
     samples = settings.samples or SAMPLES
@@ -185,12 +187,16 @@ class ComparedScans(NamedTuple):
 
 
 def compare_scans(
-    recording: ImagesRecording, request: DiagnosisRequest, voxels: ComparedVoxels, valid: np.ndarray
+    recorded: np.ndarray, grid: Grid, request: DiagnosisRequest, voxels: ComparedVoxels, valid: np.ndarray
 ) -> ComparedScans:
     """Compare a recording with another scan.
 
     Parameters
     ----------
+    recorded : ndarray, shape (z, y, x)
+        Mean of the repeats on `voxels`, HU.
+    grid : Grid
+        Grid of the recording.
     valid : ndarray of bool, shape (y, x)
 
     Raises
@@ -199,10 +205,8 @@ def compare_scans(
         For too few slices, or equal images.
     """
     settings, path = request.settings, request.settings.object.scan
-    where = request.other_scan, recording.grid, settings.slices, settings.location
+    where = request.other_scan, grid, settings.slices, settings.location
     shown, linear = voxels.taken([placed(*where), placed(*where, order=1)], mirrored=False)
-    # All repeats of a slice are compared with the same noise of the other scan.
-    recorded = voxels.taken([*recording.repeats, *recording.held_out], mirrored=False).mean(axis=0)
     if len(shown) < (least := 2 * LEAST_INDEPENDENT - 1):
         raise InputError(f"{path}: shows {len(shown)} slices of the recording; a comparison of scans needs {least}")
     difference = recorded - shown
