@@ -14,6 +14,7 @@ from virtual_phantom.config.settings import Analyses, Comparison, NoiseLevel, Pr
 from virtual_phantom.diagnosis.settings import (
     LabelledObject,
     MaskedObject,
+    OtherScan,
     RecordingSettings,
     ShapesObject,
     UnknownObject,
@@ -74,9 +75,9 @@ def test_none_is_the_default_of_keys_that_may_be_absent(kind):
             assert (one.default is None) == (one.name not in required and "default" not in stated), one.name
 
 
-def test_an_object_is_of_one_of_four_kinds():
+def test_an_object_is_of_one_kind():
     section = section_of(SECTIONS[RecordingSettings]["properties"]["object"])
-    kinds = (MaskedObject, LabelledObject, ShapesObject, UnknownObject)
+    kinds = (MaskedObject, LabelledObject, ShapesObject, OtherScan, UnknownObject)
     assert {one.name for kind in kinds for one in fields(kind)} == set(section["properties"])
 
 

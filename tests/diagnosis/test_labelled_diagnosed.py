@@ -108,5 +108,5 @@ def test_images_are_compared_in_hu_of_its_materials(tmp_path):
 
 
 def test_scanned_object_is_described_once(tmp_path):
-    with pytest.raises(InputError, match="2 of disc, mask, labels, shapes, phantom, simulation and unknown are given"):
+    with pytest.raises(InputError, match="2 of disc, mask, labels, shapes, phantom, scan, simulation and unknown"):
         vp.diagnose(tmp_path, labels=("labels.nii.gz", MATERIALS), shapes="pmma_disc")

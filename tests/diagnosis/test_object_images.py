@@ -14,6 +14,8 @@ from virtual_phantom.api.diagnosis import SECTION
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.diagnosis.candidate_effects import check_kinds
+from virtual_phantom.diagnosis.images.other_scan import apart, with_other_scan
 from virtual_phantom.diagnosis.images.scan import with_scan
 from virtual_phantom.diagnosis.images.setting import correlated_variance
 from virtual_phantom.diagnosis.preparation import prepare_recording
@@ -24,6 +26,7 @@ from virtual_phantom.diagnosis.setup.located import locate
 from virtual_phantom.io.schema import defaults_of, fill_defaults, schema_of
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.physics.beam.materials import Segmentation, attenuation_per_mm, energy_of
+from virtual_phantom.recordings.document import read_document
 from virtual_phantom.recordings.reading import load_recording
 
 WATER_PER_MM = defaults_of()["mu_water_per_mm"]
@@ -76,12 +79,13 @@ def recorded(tmp_path):
     ]
     (tmp_path / "discs.yaml").write_text(yaml.safe_dump({"description": "Discs.", "shapes": shapes}))
 
-    def write(slices):
-        grid = Grid(slices.shape, (2.5, VOXEL_MM, VOXEL_MM))
-        write_nifti(Volume(np.rint(slices).astype(np.int16), grid), tmp_path / "images.nii.gz")
+    def write(slices, folder=tmp_path, z_mm=0.0):
+        folder.mkdir(exist_ok=True)
+        grid = Grid(slices.shape, (2.5, VOXEL_MM, VOXEL_MM), (0.0, 0.0, z_mm))
+        write_nifti(Volume(np.rint(slices).astype(np.int16), grid), folder / "images.nii.gz")
         content = {"name": "discs", "kind": "images", "repeats": ["images.nii.gz"]}
-        (tmp_path / "recording.yaml").write_text(yaml.safe_dump(content))
-        return tmp_path
+        (folder / "recording.yaml").write_text(yaml.safe_dump(content))
+        return folder
 
     return write
 
@@ -162,6 +166,72 @@ def test_correlation_of_slices_is_counted():
     assert correlated_variance((white[:, 1:] + white[:, :-1]) / 2, valid) == pytest.approx(2, rel=0.15)
     with pytest.raises(InputError, match="3 slices, of which 3 have independent noise"):
         correlated_variance(white[:, :3], valid)
+
+
+LOW, HIGH = 0.03, 0.01  # noise of line integrals
+
+
+@pytest.mark.parametrize(
+    ("change", "noise", "moved_px", "expected"),
+    [
+        # Smoothed noise of the model must not look like a better fit.
+        (lambda hu: hu, LOW, 0, []),
+        (lambda hu: hu, HIGH, 2, []),
+        (lambda hu: 1.03 * hu + 8, HIGH, 0, ["hu_calibration"]),
+        (lambda hu: ndimage.gaussian_filter(hu, (0, 0.6, 0.6)), HIGH, 0, ["reconstruction_kernel"]),
+    ],
+    ids=["as noisy", "moved", "hu", "kernel"],
+)
+def test_another_scan_is_the_object(recorded, tmp_path, change, noise, moved_px, expected):
+    scan = recorded(np.roll(images("ramp", noise, 2), moved_px, axis=2), tmp_path / "high")
+    clean, noisy = images("ramp", 0.0), images("ramp", LOW)
+    recording = load_recording(recorded(change(clean) + noisy - clean))
+    request = with_other_scan(request_of(tmp_path, object={"scan": str(scan)}), recording)
+    request = with_scan(request.located(locate(recording, request).location), recording)
+    assert request.settings.location.get("x_mm", 0.0) == pytest.approx(-VOXEL_MM * moved_px, abs=0.1)
+    _, prepared = prepare_recording(request, recording)
+    tried = ["hu_calibration", expected[0] if expected else "contrast_dependent_resolution"]
+    content = find_missing_physics(
+        "discs", prepared, list(dict.fromkeys(tried)), defaults_of("diagnosis", "model_accuracy")
+    ).content
+    assert [effect["name"] for effect in content["effects"]] == expected, content["sentence"]
+    assert content["verdict"] == ("mismatch explained" if expected else "match")
+    parameters = {key: value for effect in content["effects"] for key, value in effect["parameters"].items()}
+    for name, truth in {"hu_calibration": {"scale": 1.03, "offset_hu": 8.0}}.get("".join(expected), {}).items():
+        low, high = parameters[name]["ci95"]
+        assert low < truth < high
+    if "sigma_mm" in parameters:
+        assert parameters["sigma_mm"]["value"] == pytest.approx(0.6 * VOXEL_MM, rel=0.25)
+
+
+def test_slices_of_the_model_are_not_compared():
+    for count, step, slices in ((10, 1, ([1, 3, 5, 7], [0, 2, 4, 6, 8])), (12, 2, ([2, 6], [0, 4, 8]))):
+        assert tuple(list(range(count))[part] for part in apart(count, step)) == slices
+
+
+def test_other_scans_that_cannot_be_compared_are_refused(recorded, tmp_path):
+    folder, scan = recorded(images("ramp", LOW)), tmp_path / "high"
+    for slices, z_mm, message in (
+        (
+            images("ramp", HIGH, 2),
+            60.0,
+            "high: shows the slices at z = 48.75 to 71.25 mm, the recording those at -11.2",
+        ),
+        (images("ramp", HIGH, 2), 15.0, "high: shows 4 slices of the recording; a comparison of scans needs 7"),
+        (images("ramp", LOW), 0.0, "high: has the images of the recording"),
+    ):
+        recorded(slices, scan, z_mm)
+        with pytest.raises(InputError, match=message):
+            vp.diagnose(folder, scan=scan)
+    recorded(images("ramp", HIGH, 2), scan, 5.0)
+    with pytest.raises(InputError, match="give slices from 2 to 9 alone"):
+        vp.diagnose(folder, scan=scan, slices=[0, 9])
+    with pytest.raises(InputError, match="is the diagnosed recording"):
+        vp.diagnose(folder, scan=folder)
+    document = read_document(folder)
+    document.content["kind"] = "projections"
+    with pytest.raises(InputError, match="object.scan: is for recordings of images"):
+        check_kinds({"low": request_of(folder, object={"scan": str(scan)}).settings}, {"low": document})
 
 
 def test_disc_is_compared_in_images(recorded):

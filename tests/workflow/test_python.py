@@ -106,7 +106,7 @@ def test_recording_is_diagnosed(tmp_path):
         (lambda one: vp.extract(vp.draw_phantom((12, 40, 40), (8.0, 7.5, 7.5)).image, one), "is on another grid"),
         (
             lambda one: vp.diagnose("nowhere"),
-            "0 of disc, mask, labels, shapes, phantom, simulation and unknown are given",
+            "0 of disc, mask, labels, shapes, phantom, scan, simulation and unknown are given",
         ),
         (lambda one: vp.diagnose("nowhere", disc=(70.0, "water")), "nowhere"),
     ],

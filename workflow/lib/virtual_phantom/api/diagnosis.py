@@ -42,6 +42,7 @@ def diagnose(
     labels: tuple[str | Path, Mapping[int, str | Mapping]] | None = None,
     shapes: str | tuple[str, Mapping[str, float | str]] | None = None,
     phantom: str | Path | None = None,
+    scan: str | Path | None = None,
     simulation: str | Path | None = None,
     unknown: bool = False,
     effects: Sequence[str] | None = None,
@@ -51,8 +52,8 @@ def diagnose(
 ) -> Diagnosis:
     """Compare a recording with its simulation, and find the physics that the simulation lacks.
 
-    Exactly one of `disc`, `mask`, `labels`, `shapes`, `phantom`, `simulation` and `unknown` describes the scanned
-    object.
+    Exactly one of `disc`, `mask`, `labels`, `shapes`, `phantom`, `scan`, `simulation` and `unknown` describes the
+    scanned object.
 
     Parameters
     ----------
@@ -70,6 +71,9 @@ def diagnose(
         (docs/how-to/objects.md).
     phantom : str or Path, optional
         NIfTI image in HU.
+    scan : str or Path, optional
+        For images: another scan of the object, as a folder of a recording of images or a DICOM series, or as an image
+        in HU.
     simulation : str or Path, optional
         Your own simulation of the recording: HDF5 file of projections, or NIfTI file or DICOM folder of images
         (docs/getting-started/own-simulation.md).
@@ -98,11 +102,12 @@ def diagnose(
         If the recording cannot be read, has features or images of `phantom`, or cannot show an effect. Also if a
         setting is unknown, or if not exactly one object is given.
     """
-    objects = (disc, mask, labels, shapes, phantom, simulation, unknown or None)
+    objects = (disc, mask, labels, shapes, phantom, scan, simulation, unknown or None)
     given = sum(scanned is not None for scanned in objects)
     if given != 1:
         raise InputError(
-            f"diagnose: {given} of disc, mask, labels, shapes, phantom, simulation and unknown are given; give one"
+            f"diagnose: {given} of disc, mask, labels, shapes, phantom, scan, simulation and unknown are given; give "
+            "one"
         )
     recording, processes = check_path(recording, "recording"), check_integer(processes, "processes", 1)
     phantom = None if phantom is None else check_path(phantom, "phantom")
@@ -111,6 +116,8 @@ def diagnose(
     section = settings | _scanned_section(disc, mask, labels, shapes)
     if unknown:
         section["object"] = {"unknown": True}
+    if scan is not None:
+        section["object"] = {"scan": check_path(scan, "scan")}
     if simulation is not None:
         section["simulation"] = check_path(simulation, "simulation")
     document = read_document(recording)

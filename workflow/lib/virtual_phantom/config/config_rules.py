@@ -565,19 +565,22 @@ class Rules:
                 yield f"{where} has both effects and physics_from; the effects come from '{other}', so remove effects"
 
     def _object(self, settings: dict, where: str) -> Iterator[str]:
-        """Check that an object is a mask with its material, a label map with its materials, or an object of shapes."""
-        masked, labeled, shaped, unknown = (
+        """Check that an object is a mask with its material, a label map with its materials, shapes or a scan."""
+        masked, labeled, shaped, scanned, unknown = (
             set(keys) & set(settings)
-            for keys in (("mask", "material"), ("labels", "materials"), ("kind", "parameters"), ("unknown",))
+            for keys in (("mask", "material"), ("labels", "materials"), ("kind", "parameters"), ("scan",), ("unknown",))
         )
-        both = [min(keys) for keys in (masked, labeled, shaped, unknown) if keys]
+        both = [min(keys) for keys in (masked, labeled, shaped, scanned, unknown) if keys]
         if len(both) > 1:
             yield (
                 f"{where} has both {both[0]} and {both[1]}; keep mask and material, labels and materials, or kind and "
                 "parameters"
             )
-        elif not {"kind", "unknown"} & set(settings) and 2 not in (len(masked), len(labeled)):
-            yield (f"{where} needs kind (an object of shapes), mask and material, or labels and materials; or unknown")
+        elif not {"kind", "scan", "unknown"} & set(settings) and 2 not in (len(masked), len(labeled)):
+            yield (
+                f"{where} needs kind (an object of shapes), mask and material, or labels and materials; or scan; or "
+                "unknown"
+            )
 
     def _changed_images(self) -> Iterator[tuple[str, dict]]:
         """Yield name and settings of each comparison under diagnosis, whose job changes images voxel by voxel."""

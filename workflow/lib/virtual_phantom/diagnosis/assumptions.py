@@ -18,7 +18,7 @@ from .projections.object_errors import DENSE_HU, DENSITY, SURFACE, ObjectErrors
 from .request import DiagnosisRequest, nominal_settings
 from .residuals.dataset import Prepared
 from .scanned_object import shaped_object
-from .settings import LabelledObject, RecordingSettings, ShapesObject
+from .settings import LabelledObject, OtherScan, RecordingSettings, ShapesObject
 
 OF_WATER = (
     "It gives one path length in water per ray. Beam hardening by bone, metal or a K edge is therefore not "
@@ -31,6 +31,12 @@ OF_PROJECTIONS = (
 OF_IMAGES = (
     "Its mean slice is also the object, constant along z, whose images change with effects on raw data. Its noise and "
     "errors remain in the model."
+)
+
+
+OF_SCAN = (
+    "The mean of every second slice, or fewer, is also the object, constant along z, whose images change with effects. "
+    "Both scans are compared in the slices between. Physics that both scans share is not found."
 )
 
 
@@ -47,6 +53,8 @@ def model_assumptions(
     stated_priors = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
     photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
     simulation = {}
+    if settings.of_scan:
+        simulation["limits of the other scan"] = OF_SCAN
     if settings.simulation is not None:
         scene = prepared.fitter.model.chain.scene
         of_projections = (OF_WATER if scene.materials == ("water",) else "") + OF_PROJECTIONS
@@ -98,6 +106,8 @@ def object_text(request: DiagnosisRequest) -> str:
     if request.settings.simulation is not None:
         of = "a slice" if request.protocol is not None else "path lengths"
         return f"the simulation {Path(request.settings.simulation).name}, as {of}"
+    if isinstance(other, OtherScan):
+        return f"another scan, {Path(other.scan).name}, as a slice"
     if other is not None:
         return f"the homogeneous object of {Path(other.mask).name}, of {label(other.material)}"
     materials = request.materials

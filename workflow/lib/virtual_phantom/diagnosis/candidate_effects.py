@@ -197,6 +197,10 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
             raise InputError(
                 f"{where}.physics_from is '{other}', which holds {of}, not {kind}; name one of the same kind"
             )
+        if settings.of_scan and kind != "images":
+            raise InputError(
+                f"{where}.object.scan: is for recordings of images; make the scan the phantom of the study (phantom.ct)"
+            )
         if settings.simulation is not None and (kind == "images") != is_of_images(settings.simulation):
             raise InputError(f"{where}.simulation: the recording holds {kind}; give a simulation of {kind}")
         if kind == "projections" and settings.location.get("turn_deg"):

@@ -9,6 +9,7 @@ from pathlib import Path
 from ..base.errors import InputError
 from ..base.geometry import ImageProtocol
 from ..base.settings import to_mapping
+from ..io.volumes import Volume
 from ..physics.beam.materials import Segmentation, attenuation_per_mm
 from ..physics.beam.sensors import Sensor, sensor_from_label
 from ..physics.beam.spectra import KVP, TUNGSTEN, Anode
@@ -40,6 +41,8 @@ class DiagnosisRequest:
         a homogeneous object.
     protocol : ImageProtocol or None
         None for projections.
+    other_scan : Volume or None
+        Another scan in place of an object, HU, at the slices of the recording (images.other_scan).
     mirrored : bool
         Whether images show an object that is constant along z from its other end: their columns are reversed.
     """
@@ -54,6 +57,7 @@ class DiagnosisRequest:
     threads: int = 1
     energy_kev: float | None = None
     mirrored: bool = False
+    other_scan: Volume | None = None
 
     def with_energy(self, nominal: Mapping) -> DiagnosisRequest:
         """Return the request with the energy that `nominal` of recording.yaml states; itself if it states none."""

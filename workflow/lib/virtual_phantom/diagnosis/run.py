@@ -20,6 +20,7 @@ from .assumptions import model_assumptions
 from .candidate_effects import require_angles
 from .comparison.regions import ScannedVolume
 from .comparison.relevance import judge_relevance
+from .images.other_scan import with_other_scan
 from .images.scan import with_scan
 from .preparation import compare_images, prepare_recording
 from .request import DiagnosisRequest
@@ -104,6 +105,7 @@ def run_diagnosis(
     if request.settings.of_unknown:
         return unknown_object_diagnosis(recording)
     require_angles(recording.document.content, str(recording.document.path))
+    request = with_other_scan(request, recording)
     setup = check_setup(recording, request)
     if setup is not None and setup.kind in SETUP_VERDICTS:
         return setup_diagnosis(setup, recording, request)

@@ -1,4 +1,4 @@
-"""The scanned object as a scene: the study's phantom, a disc, an object of shapes, a label map or a mask."""
+"""The scanned object as a scene: the study's phantom, a disc, shapes, a label map, a mask, or images of the object."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def scene_of(request: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene 
     InputError
         If the file of the object is missing or invalid.
     """
-    if request.settings.simulation is not None:
+    if request.settings.simulation is not None or request.settings.of_scan:
         return simulated_object(request)
     disc, other, energy = request.settings.disc, request.settings.object, request.energy_kev or DISC_ENERGY_KEV
     if disc is not None:
@@ -69,33 +69,41 @@ def read_simulated_images(path: str | Path) -> Volume:
     return read_hu(Path(path), not_checked=(WINDOW, SIZE))
 
 
-def simulated_slice(request: DiagnosisRequest) -> Volume:
-    """Return the mean slice of the user's own simulation of images, HU.
+def simulated_slice(request: DiagnosisRequest, which: slice = slice(None)) -> Volume:
+    """Return the mean slice of the user's own simulation of images, or of another scan, HU.
+
+    Parameters
+    ----------
+    which : slice, optional
+        Slices that are averaged, among those that show the object.
 
     Raises
     ------
     InputError
         If it cannot be read.
     """
-    volume = read_simulated_images(request.settings.simulation)
+    volume = request.other_scan or read_simulated_images(request.settings.simulation)
     count = len(volume.array)
     slices = shown_slices(request.settings.slices if count > 1 else None, count)
-    hu = volume.array[slices].mean(axis=0, keepdims=True, dtype=np.float64)
+    hu = volume.array[slices][which].mean(axis=0, keepdims=True, dtype=np.float64)
     return Volume(hu, Grid(hu.shape, volume.grid.spacing))
 
 
-def simulated_object(request: DiagnosisRequest) -> PrismScene:
-    """Return the mean slice of the user's own simulation of images as an object.
+def simulated_object(request: DiagnosisRequest, which: slice = slice(None)) -> PrismScene:
+    """Return the mean slice of the user's own simulation of images, or of another scan, as an object.
+
+    For the argument see simulated_slice.
 
     Raises
     ------
     InputError
         If it cannot be read or shows nothing but air.
     """
-    simulated, materials = simulated_slice(request), request.materials
+    simulated, materials = simulated_slice(request, which), request.materials
     hu = np.where(simulated.array[0] < AIR_BELOW_HU, HU_AIR, simulated.array[0])
     if not (hu > HU_AIR).any():
-        raise InputError(f"{request.settings.simulation}: shows nothing but air; give images in HU")
+        path = request.settings.object.scan if request.settings.of_scan else request.settings.simulation
+        raise InputError(f"{path}: shows nothing but air; give images in HU")
     shares, energy = materials.fractions(hu, request.mu_water_per_mm), energy_of("water", request.mu_water_per_mm)
     return PrismScene(shares, simulated.grid, materials.materials, energy)
 

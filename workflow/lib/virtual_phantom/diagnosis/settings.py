@@ -67,6 +67,19 @@ class ShapesObject:
 
 
 @dataclass(frozen=True)
+class OtherScan:
+    """An object that is given as another scan of it (images.other_scan).
+
+    Attributes
+    ----------
+    scan : str
+        Path of the folder of a recording of images, or of an image in HU.
+    """
+
+    scan: str
+
+
+@dataclass(frozen=True)
 class UnknownObject:
     """An object that is not known: only the data themselves are checked (setup.unknown_object)."""
 
@@ -145,7 +158,7 @@ class RecordingSettings:
     alignment: dict[str, float]
     nominal_photons: float | None = None
     disc: Disc | None = None
-    object: MaskedObject | LabelledObject | ShapesObject | UnknownObject | None = None
+    object: MaskedObject | LabelledObject | ShapesObject | OtherScan | UnknownObject | None = None
     simulation: str | None = None
     simulation_energy_kev: float | None = None
     protocol: str | None = None
@@ -164,6 +177,11 @@ class RecordingSettings:
     def of_phantom(self) -> bool:
         """Whether the study's phantom was scanned."""
         return self.disc is None and self.object is None and self.simulation is None
+
+    @property
+    def of_scan(self) -> bool:
+        """Whether another scan stands for the object."""
+        return isinstance(self.object, OtherScan)
 
     @property
     def of_unknown(self) -> bool:

@@ -78,6 +78,11 @@ def read_document(folder: str | Path) -> Document:
     return Document(folder, content)
 
 
+def files_of_recording(path: str | Path) -> tuple[Path, ...]:
+    """Return the files of a recording in a folder, or those of a scan without recording.yaml (`files_of`)."""
+    return read_document(path).files if (Path(path) / FILE_NAME).is_file() else tuple(files_of(path))
+
+
 def _foreign_keys(path: Path, content: dict) -> Iterator[str]:
     """Yield a message for each key that has no meaning in this kind of recording."""
     if "kind" not in content:

@@ -20,6 +20,7 @@ from ..diagnosis.settings import (
     FitSettings,
     LabelledObject,
     MaskedObject,
+    OtherScan,
     RecordingSettings,
     ScannerSettings,
     ShapesObject,
@@ -28,6 +29,7 @@ from ..diagnosis.settings import (
 from ..diagnosis.workload import samples_and_step
 from ..physics.effect import OF_SCANNER, image_effects, load, require
 from ..physics.scenes.object_files import object_path
+from ..recordings.document import files_of_recording
 from ..recordings.scan import missing_for_geometry
 from .costs import diagnoses
 from .costs.limits import UNKNOWN_MINUTES, diagnosis_minutes
@@ -40,9 +42,11 @@ READ_BYTES = 35  # memory per ray of a recording (measured: 33, for a clinical r
 DEFAULT_CORES = 2  # of a diagnosis if the number of available cores is not known
 
 
-def _object_file(scanned: MaskedObject | LabelledObject | ShapesObject | UnknownObject) -> dict[str, str]:
+def _object_file(
+    scanned: MaskedObject | LabelledObject | ShapesObject | OtherScan | UnknownObject,
+) -> dict[str, str]:
     """Return {kind of file: path} of the description of an object."""
-    if isinstance(scanned, UnknownObject):
+    if isinstance(scanned, OtherScan | UnknownObject):
         return {}
     if isinstance(scanned, ShapesObject):
         return {"shapes": shipped(object_path(scanned.kind))}
@@ -250,7 +254,9 @@ class Diagnosis:
         """Return the files of a recording and of the scanned object."""
         inputs: dict = {"files": self.recordings.sources(name)}
         settings = self.settings[name]
-        if settings.object is not None:
+        if settings.of_scan:
+            inputs["files"] += map(str, files_of_recording(settings.object.scan))
+        elif settings.object is not None:
             inputs |= _object_file(settings.object)
         elif settings.simulation is not None:
             inputs["simulation"] = settings.simulation

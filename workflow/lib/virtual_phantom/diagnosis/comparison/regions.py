@@ -83,7 +83,7 @@ class ScannedVolume:
         settings, mu_water_per_mm = request.settings, request.mu_water_per_mm
         if settings.disc is not None:
             return None
-        if settings.simulation is not None and recording.kind == "images":
+        if settings.of_scan or (settings.simulation is not None and recording.kind == "images"):
             simulated = simulated_slice(request)
             return cls._drawn(simulated.array.astype(np.float32), simulated.grid)
         if settings.simulation is not None:

@@ -34,7 +34,7 @@ EDGE_VOXELS = 1.0  # SD of the average of this error
 RECORDED_NOISE = 3  # repeats from which the noise is estimated from the data; with fewer, by simulation
 FINE = 0.5  # of the highest in-plane frequency, above which noise dominates
 TRIAL_PHOTONS = 1e5  # of simulated noise before it is scaled to the recording
-NOISE_DIFFERS, NOISE_SURE = 0.25, 4.0  # change of the mean frequency that is stated, relative and in SD; choices
+NOISE_DIFFERS, NOISE_SURE = 0.25, 4.0  # change of mean frequency or noise that is stated, relative and in SD; choices
 NULLS = 4  # batches of realizations for the scatter of noise statistics
 
 
@@ -55,8 +55,15 @@ DISPLAY = ResidualMaps(
 
 @dataclass(frozen=True)
 class PreparedImages(Prepared):
-    """Images prepared for fits."""
+    """Images prepared for fits.
 
+    Attributes
+    ----------
+    noise_of_scan : float or None
+        Noise of another scan in place of an object, over that of the recording (standard deviations).
+    """
+
+    noise_of_scan: float | None = None
     display: ClassVar[ResidualMaps] = DISPLAY
 
     def domains(
@@ -67,7 +74,11 @@ class PreparedImages(Prepared):
 
     def caveats(self, fit: Fit) -> list[str]:
         """See Prepared.caveats; with the noise spectrum of slices, which is not fitted."""
-        model = self.fitter.model
+        model, ratio = self.fitter.model, self.noise_of_scan
+        if ratio is not None:  # the noise is that of both scans
+            if ratio < 1 + NOISE_DIFFERS:
+                return []
+            return [f"The other scan has {ratio:.2g} times the noise of the recording: small differences are not seen."]
         if model.recorded_noise is None:
             return []
         simulated = model.noise_images(fit.physics, fit.nuisance, fit.linearization)
@@ -120,6 +131,8 @@ def prepare(
     slices_variance: float | None = None,
     reconstruct_finely: Callable[[np.ndarray], np.ndarray] | None = None,
     known_image: np.ndarray | None = None,
+    known_error: np.ndarray | float = 0.0,
+    noise_of_scan: float | None = None,
     filters: bool = False,
     uncertain: StatedObject | None = None,
 ) -> PreparedImages:
@@ -151,6 +164,10 @@ def prepare(
         of both images then corrects every prediction. None: `reconstruct`, and no correction.
     known_image : ndarray, shape (z, y, x), optional
         Image that the model gives with declared physics only, HU; replaces this correction.
+    known_error : ndarray, shape (z, y, x), or float, optional
+        Standard deviation of errors of `known_image`, HU.
+    noise_of_scan : float, optional
+        See PreparedImages.
     filters : bool, optional
         Whether `reconstruct` takes `mtf`, as reconstruction.images.reconstruct_hu does; else images are filtered.
 
@@ -178,7 +195,12 @@ def prepare(
     photons = TRIAL_PHOTONS / ratio
     pose = pose_of(place)
     finely = reconstruct_finely or reconstruct
-    coarse = reconstruct(chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
+    lines = chain.state(physics, pose, anode=anode).line_integrals()
+    if noise_of_scan is not None:
+        # The mean of logarithms of noisy counts has a bias. Another scan contains that of its own noise.
+        bias = chain.state(physics, pose, photons=photons, anode=anode).log_noise()[0]
+        lines = lines + 2 * noise_of_scan**2 / (1 + noise_of_scan**2) * bias
+    coarse = reconstruct(lines[None])[0]
     finer = coarse
     if known_image is None:
         finer = finely(floor_chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
@@ -213,10 +235,13 @@ def prepare(
         final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
     data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
     # The correction is exact for one set of parameters; a part of it remains at edges that effects change.
-    floor = CORRECTION_LEFT * np.abs(white(np.broadcast_to(final.correction, expected.shape)))
+    left, known_error = (white(np.broadcast_to(hu, expected.shape)) for hu in (final.correction, known_error))
+    floor = np.hypot(CORRECTION_LEFT * left, known_error)
     floor = np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
     fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
-    return PreparedImages(fitter, data, held_out, white.sd**2, words, len(repeats) == 1, photons)
+    return PreparedImages(
+        fitter, data, held_out, white.sd**2, words, len(repeats) == 1, photons, noise_of_scan=noise_of_scan
+    )
 
 
 def _noise(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import takewhile
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -27,10 +30,11 @@ from ..fitting.priors import BASELINE_CONFIG_KEY, declared
 from ..projections.discretization import model_and_floor
 from ..projections.object_errors import StatedObject
 from ..request import DiagnosisRequest, NominalSettings
-from ..scanned_object import MOST_SLICES, scene_of
+from ..scanned_object import MOST_SLICES, scene_of, simulated_object
 from ..selection.forward_selection import Choice
 from ..workload import SAMPLES
 from .model import REALIZATIONS
+from .other_scan import apart, placed
 from .own_simulation import simulated_images
 from .prepared import PreparedImages, prepare
 from .scan import MARGIN_MM, ImagedObject, finer_scan, imaged_object
@@ -39,6 +43,10 @@ FINER = 2  # pixels, views and voxels of the images that show the error of finit
 CUT_OFF = 2  # voxels next to constant air that are excluded
 LEAST_INDEPENDENT = 4  # slices with independent noise
 LEAST_CORRELATED = 0.03  # correlation of the noise of slices below which it is estimation noise
+# Correlation of slices up to which they count as independent of the model, if another scan is the object. An effect
+# that smooths the noise of the model then gains at most 2 x 0.05^2 = 0.5 % of the variance.
+INDEPENDENT = 0.05
+LEAST_DIFFERENCE_HU = 0.5  # of two scans, whose HU are whole numbers
 LEAST_SLICES = 4  # fewer do not show noise correlation along z, and cannot be split for a single repeat
 
 
@@ -105,6 +113,16 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         of_slices, voxels = imaged.prism, ComparedVoxels.of_object(imaged, recording.grid.spacing, request)
     repeats, further = (voxels.taken(part, request.mirrored) for part in (recording.repeats, recording.held_out))
     valid, slices_variance, finely, simulated = voxels.valid, None, None, None
+    if of_slices:
+        # Scanners set air to one value; edges next to such voxels are cut off, too.
+        valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
+    known_error, noise_of_scan = 0.0, None
+    if settings.of_scan:
+        # All repeats of a slice are compared with the same noise of the other scan.
+        every = repeats if further is None else np.concatenate([repeats, further])
+        found = compare_scans(every.mean(axis=0), recording.grid, request, voxels, valid[0])
+        repeats, further, simulated, known_error = found.repeats, None, found.mean, found.error
+        scene, noise_of_scan = simulated_object(request, found.modeled), found.noise
     samples = settings.samples or SAMPLES
     detector = {"sensor": nominal.sensor, "readout": AIR}
     chains = model_and_floor(scene, protocol.geometry, samples, **detector)
@@ -113,8 +131,6 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         finer = finer_scan(protocol, FINER)
         chains = chains[0], Chain(scene, finer.geometry, samples=samples, **detector)
         finely = partial(_reconstructed_finely, finer, request, voxels.made)
-        # Scanners set air to one value; edges next to such voxels are cut off, too.
-        valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
         if settings.simulation is not None:
             finely, (shown,) = None, voxels.taken([simulated_images(request, recording)], mirrored=False)
             simulated = shown.mean(axis=0, keepdims=True)
@@ -141,9 +157,66 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         slices_variance=slices_variance,
         reconstruct_finely=finely,
         known_image=simulated,
+        known_error=known_error,
+        noise_of_scan=noise_of_scan,
         filters=filters_projections(protocol.algorithm, protocol.settings),
         uncertain=StatedObject.of(request, scene),
     )
+
+
+class ComparedScans(NamedTuple):
+    """Comparison of a recording with another scan.
+
+    Attributes
+    ----------
+    modeled : slice
+        Slices of the other scan, among those that show the object, whose mean the model has.
+    mean, error : ndarray, shape (1, y, x)
+        This mean and the standard deviation of its interpolation error, HU.
+    repeats : ndarray, shape (1, z, y, x)
+        Recording minus other scan in the compared slices, plus `mean`, HU.
+    noise : float
+        See PreparedImages.noise_of_scan.
+    """
+
+    modeled: slice
+    mean: np.ndarray
+    error: np.ndarray
+    repeats: np.ndarray
+    noise: float
+
+
+def compare_scans(
+    recorded: np.ndarray, grid: Grid, request: DiagnosisRequest, voxels: ComparedVoxels, valid: np.ndarray
+) -> ComparedScans:
+    """Compare a recording with another scan.
+
+    Parameters
+    ----------
+    recorded : ndarray, shape (z, y, x)
+        Mean of the repeats on `voxels`, HU.
+    grid : Grid
+        Grid of the recording.
+    valid : ndarray of bool, shape (y, x)
+
+    Raises
+    ------
+    InputError
+        For too few slices, or equal images.
+    """
+    settings, path = request.settings, request.settings.object.scan
+    where = request.other_scan, grid, settings.slices, settings.location
+    shown, linear = voxels.taken([placed(*where), placed(*where, order=1)], mirrored=False)
+    if len(shown) < (least := 2 * LEAST_INDEPENDENT - 1):
+        raise InputError(f"{path}: shows {len(shown)} slices of the recording; a comparison of scans needs {least}")
+    difference = recorded - shown
+    if np.abs(difference).max() < LEAST_DIFFERENCE_HU:
+        raise InputError(f"{path}: has the images of the recording; give another scan of the object")
+    # Along z, noise changes more than the object.
+    variance, of_scan = (_variogram(one[None], valid)[2] for one in (recorded, shown))
+    modeled, compared = apart(len(shown), 1 + len(slice_correlations(difference[None], valid, INDEPENDENT)))
+    mean, error = (one[modeled].mean(axis=0, keepdims=True) for one in (shown, shown - linear))
+    return ComparedScans(modeled, mean, error, (difference[compared] + mean)[None], math.sqrt(of_scan / variance))
 
 
 def _reconstructed(
@@ -200,17 +273,8 @@ def correlated_variance(stacks: np.ndarray, valid: np.ndarray) -> float:
     InputError
         If there are fewer than LEAST_INDEPENDENT independent slices.
     """
-    fine = np.diff(stacks, axis=3)[..., valid[:, 1:] & valid[:, :-1]]
-    count = fine.shape[1]
-    lags = range(1, max(2, count // 2 + 1))
-    half_squares = [float(np.mean((fine[:, lag:] - fine[:, :-lag]) ** 2)) / 2 for lag in lags] if count > 1 else [0.0]
-    plateau = float(np.mean(half_squares[len(half_squares) // 2 :]))
-    correlation = 0.0
-    for half_square in half_squares:
-        if not half_square < plateau * (1 - LEAST_CORRELATED):
-            break
-        correlation += 1 - half_square / plateau
-    together = 1 + 2 * correlation
+    fine, half_squares, plateau = _variogram(stacks, valid)
+    count, together = fine.shape[1], 1 + 2 * sum(_correlations(half_squares, plateau, LEAST_CORRELATED))
     if count * len(stacks) / together < LEAST_INDEPENDENT:
         raise InputError(
             f"recording: {count} slices, of which {count * len(stacks) / together:.2g} have independent noise; a "
@@ -218,6 +282,29 @@ def correlated_variance(stacks: np.ndarray, valid: np.ndarray) -> float:
             "(diagnosis.recordings: slices), or more repeats"
         )
     return plateau * together / float(fine.var(axis=1, ddof=1).mean())
+
+
+def slice_correlations(stacks: np.ndarray, valid: np.ndarray, least: float) -> list[float]:
+    """Return correlations of the noise of slices by their distance, from 1, up to the first below `least`.
+
+    Other arguments are those of correlated_variance.
+    """
+    return _correlations(*_variogram(stacks, valid)[1:], least)
+
+
+def _correlations(half_squares: Sequence[float], plateau: float, least: float) -> list[float]:
+    shares = (1 - half_square / plateau if plateau else 0.0 for half_square in half_squares)
+    return list(takewhile(lambda share: share > least, shares))
+
+
+def _variogram(stacks: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, list[float], float]:
+    """Return differences of neighboring voxels, their variogram along z, and its plateau."""
+    fine = np.diff(stacks, axis=3)[..., valid[:, 1:] & valid[:, :-1]]
+    count = fine.shape[1]
+    lags = range(1, max(2, count // 2 + 1))
+    half_squares = [float(np.mean((fine[:, lag:] - fine[:, :-lag]) ** 2)) / 2 for lag in lags] if count > 1 else [0.0]
+    plateau = float(np.mean(half_squares[len(half_squares) // 2 :]))
+    return fine, half_squares, plateau
 
 
 def central_slices(valid: np.ndarray) -> slice:

@@ -196,9 +196,9 @@ class StatedObject:
 
     @classmethod
     def of(cls, request: DiagnosisRequest, scene: Scene) -> StatedObject | None:
-        """Return the object of a request; None if it is known exactly, or described by a simulation."""
+        """Return the object of a request; None if it is known exactly, or described by images."""
         settings = request.settings
-        if settings.object_exact or settings.simulation is not None:
+        if settings.object_exact or settings.simulation is not None or settings.of_scan:
             return None
         phantom = read_nifti(request.phantom) if settings.of_phantom else None
         return cls(scene, settings.object_uncertainty, request.mu_water_per_mm, phantom)

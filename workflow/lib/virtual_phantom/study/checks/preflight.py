@@ -17,9 +17,9 @@ from ...config.plan import Plan
 from ...config.public_scans import PublicScans, made_folders
 from ...config.settings import Study
 from ...diagnosis.candidate_effects import candidate_conditions, candidates, check_accuracy, check_kinds
-from ...diagnosis.settings import LabelledObject, MaskedObject, ShapesObject
+from ...diagnosis.settings import LabelledObject, MaskedObject, OtherScan, ShapesObject
 from ...projectors import choose_engine
-from ...recordings.document import Document, read_document
+from ...recordings.document import Document, files_of_recording, read_document
 from ..phantom_sources import PhantomSources
 from ..proof import Proof
 from .check_cache import cached_check
@@ -261,10 +261,16 @@ def _recorded(study: Study) -> Iterator[str]:
         yield from cached_check({"recording": folder, "features": list(features)}, files, check)
 
 
-def _object(scanned: MaskedObject | LabelledObject | ShapesObject | None, where: str, keep: bool) -> Iterator[str]:
+def _object(
+    scanned: MaskedObject | LabelledObject | ShapesObject | OtherScan | None, where: str, keep: bool
+) -> Iterator[str]:
     """Check the files of a scanned object."""
     if isinstance(scanned, MaskedObject) and not Path(scanned.mask).is_file():
         yield f"{where}.mask: {scanned.mask}: no such file; give the path of a NIfTI image"
+    if isinstance(scanned, OtherScan) and not Path(scanned.scan).exists():
+        yield f"{where}.scan: {scanned.scan}: does not exist; give a folder or an image in HU"
+    elif isinstance(scanned, OtherScan):
+        yield from _messages(files_of_recording, scanned.scan)
     if isinstance(scanned, LabelledObject):
         lines = cached_check(to_mapping(scanned), [scanned.labels], lambda: _labels(scanned), keep)
         yield from (f"{where}: {line}" for line in lines)

@@ -149,7 +149,7 @@ def material_count(materials: MaterialSettings) -> int:
 
 
 def _planes(settings: RecordingSettings, phantom: tuple[Sequence[int], int]) -> int:
-    if settings.disc is not None or settings.simulation is not None:
+    if settings.disc is not None or settings.simulation is not None or settings.of_scan:
         return 0
     scanned = settings.object
     if isinstance(scanned, ShapesObject):
