@@ -32,8 +32,8 @@ class Fit:
     effects : tuple of str
         In the order given, without declared effects.
     physics, errors : dict of str to dict of str to float
-        {effect: {parameter: value or standard error}}, with declared effects. Errors that were not asked for are left
-        out, except that of a gain pattern.
+        {effect: {parameter: value or standard error}}, with declared effects. Without `with_errors`, there is only the
+        error of a gain pattern.
     chi_square : float
         Chi-square of the fitted data and the priors.
     parts : tuple of float
