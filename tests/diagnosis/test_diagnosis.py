@@ -1,5 +1,6 @@
 """Recordings simulated by the library's own chain: missing effects are named, located and measured."""
 
+import copy
 import json
 from dataclasses import replace
 from types import SimpleNamespace
@@ -12,6 +13,7 @@ from simulated_scans import body, chosen
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.fitting.linearization import Linearization, LinearizationPoint
+from virtual_phantom.diagnosis.fitting.problem import Problem
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.projections import observed, prepared
@@ -156,6 +158,25 @@ def test_pixel_pattern_is_distinguished_from_noise_and_smooth_changes():
     assert abs(found.rms - 0.006) < 3 * found.error and np.corrcoef(found.values.ravel(), pattern.ravel())[0, 1] > 0.8
     smooth = 0.02 * np.cos(np.linspace(0, 3, 64))
     assert estimate(noise + smooth, weight).rms < 0.002
+
+
+def test_derivatives_include_the_gain_pattern(scene):
+    """The pattern takes up a part of every change; errors are estimated only where they are asked for."""
+    prepared_data, _ = diagnosed(scene, {}, ("scatter",))
+    fitter = copy.copy(prepared_data.fitter)
+    pattern = 0.02 * np.random.default_rng(6).normal(size=fitter.data.mean.shape[1:])
+    fitter.data = replace(fitter.data, mean=fitter.data.mean + pattern)
+    problem = Problem(fitter, ("gain_pattern", "scatter"))
+    point, moved = problem.start.copy(), problem.start.copy()
+    moved[0] += 0.005
+    here = problem.recompute_residuals(point)
+    slope = problem.derivative(0, point, here)[0]
+    change = (here[0] - problem.recompute_residuals(moved)[0]) / 0.005
+    assert np.linalg.norm(slope - change) < 0.02 * np.linalg.norm(change)
+    fit = fitter.fit(("gain_pattern", "scatter"), with_errors=False)
+    assert not fit.nuisance_errors and fit.errors == {"gain_pattern": fit.errors["gain_pattern"], "scatter": {}}
+    whole = fitter.fit(("gain_pattern", "scatter"))
+    assert fitter.with_errors(fit).errors == whole.errors and whole.nuisance == fit.nuisance
 
 
 def test_locations_of_a_difference_are_found(scene):

@@ -59,6 +59,9 @@ class Valley:
         residuals = np.array([point[0], np.sqrt(1000 - 0.98 * point[0] ** 2)])
         return Iterate(point, {"": [residuals]}, float(residuals @ residuals))
 
+    def inherited_jacobians(self, here):
+        return None
+
     def stepped(self, here, step):
         return self.at(np.clip(here.point + step, self.low, self.high))
 

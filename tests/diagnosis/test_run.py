@@ -74,7 +74,7 @@ def test_verdict_is_the_same_in_several_processes_and_from_cached_fits(scene, tm
 
     in_turn = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY)
     made = []
-    monkeypatch.setattr(trials, "trial", lambda fitter, *task: made.append(task[0]) or trial(fitter, *task))
+    monkeypatch.setattr(trials, "trial", lambda *task, **more: made.append(task[1]) or trial(*task, **more))
     (tmp_path / "scatter.json").write_text("{")  # like a full disk
     (tmp_path / "detector_offset.json").unlink()
     gone_on = find_missing_physics("bench", ready(scene, physics), CANDIDATES, ACCURACY, cache=stored)

@@ -19,7 +19,7 @@ from .steps import bounded_step, updated
 # by a row and an object that is displaced, they need 40.
 ITERATIONS = 60
 # Convergence: change of chi-square between two iterations, and the same as a share of its excess over noise.
-CONVERGED, CONVERGED_SHARE = 0.02, 1e-4
+CONVERGED, CONVERGED_SHARE = 0.02, 1e-5
 # A Jacobian stays in use while the gain of a step over the predicted gain is in this range.
 AS_EXPECTED = (0.7, 1.4)
 # Marquardt's damping starts at 0, then LEAST_DAMPING, and grows by DAMPING while steps raise chi-square.
