@@ -161,7 +161,7 @@ def test_pixel_pattern_is_distinguished_from_noise_and_smooth_changes():
 
 
 def test_derivatives_include_the_gain_pattern(scene):
-    """The pattern takes up a part of every change; errors are estimated only where they are asked for."""
+    """The pattern takes up a part of every change. Without `with_errors`, only its own error is estimated."""
     prepared_data, _ = diagnosed(scene, {}, ("scatter",))
     fitter = copy.copy(prepared_data.fitter)
     pattern = 0.02 * np.random.default_rng(6).normal(size=fitter.data.mean.shape[1:])
