@@ -14,7 +14,7 @@ from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
 from virtual_phantom.proof.hiding.truth import EQUATIONS
-from virtual_phantom.proof.scoring.record import class_table, result_table
+from virtual_phantom.proof.scoring.record import class_table, table_of
 from virtual_phantom.statistics.proof_record import read_proof_record
 
 RUN = read_proof_record(RESOURCES / "proof_record.yaml")[-1]
@@ -42,7 +42,13 @@ def last_run() -> str:
     logged = f"Log of runs of this commit: {attempts}." if attempts else ""
     return "\n\n".join(
         filter(
-            None, ["\n".join(result_table(RUN.counts, RUN.own, RUN.worst)), "\n".join(class_table(RUN)), note, logged]
+            None,
+            [
+                "\n".join(table_of(RUN)),
+                "\n".join(class_table(RUN)),
+                note,
+                logged,
+            ],
         )
     )
 

@@ -63,7 +63,7 @@ def test_job_writes_everything(made):
 def test_page_shows_the_registration_and_the_origin_of_the_models(made):
     text = " ".join(made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ").split())
     assert "Number of starts: 0." in text
-    assert "This run does not count: its seed was chosen" in text and "seed 4711, 9 cases, scoring rule 2" in text
+    assert "This run does not count: its seed was chosen" in text and "seed 4711, 9 cases, scoring rule 3" in text
     assert '"event": "scored"' in made["runs"].read_text()
     never = (
         "contrast dependent resolution, crescent, current along z, detector roll, detector skew, detector tilt, "

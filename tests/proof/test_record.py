@@ -26,7 +26,7 @@ from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
 from virtual_phantom.proof.hiding.truth import EQUATIONS
 from virtual_phantom.proof.scoring import registration
 from virtual_phantom.proof.scoring.collect import collect
-from virtual_phantom.proof.scoring.record import coverage_table, filled, result_table
+from virtual_phantom.proof.scoring.record import coverage_table, filled, table_of
 from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.html import render_diagnosis
 from virtual_phantom.statistics.proof_record import read_proof_record, with_coverage
@@ -190,12 +190,12 @@ def test_registered_run_is_added_once_and_fills_the_pages(record, run, command, 
     code, text = command(path, "add", run / "score.json", "--note", "first")
     assert code == 0 and path.read_text().startswith(before)
     added = read_proof_record(path)[1]
-    assert (added.seed, added.commit, added.cases, added.rule) == (SEED, COMMIT, 9, 2)
+    assert (added.seed, added.commit, added.cases, added.rule) == (SEED, COMMIT, 9, 3)
     assert added.attempts == {"registered": 1, "resumed": 1, "failed": 1, "scored": 0}
     assert added.counts["first_medium_or_strong"] == (1.5, 2) and added.own["first_weak"] == (0, 1)
     assert added.coverage["scatter"] == (1, 2) and "first_weak" not in added.counts
     for page in PAGES:
-        assert "\n".join(result_table(added.counts, added.own, added.worst)) in (tmp_path / page).read_text()
+        assert "\n".join(table_of(added)) in (tmp_path / page).read_text()
     code, text = command(path, "add", run / "score.json", "--note", "again")
     assert code == 1 and text.err == f"Error: {path}: already has commit {COMMIT}; one run of a commit counts\n"
     found = json.loads((run / "score.json").read_text())
@@ -275,10 +275,7 @@ def test_broken_record_is_one_line(record, entries, message):
 def test_pages_have_the_last_run(page):
     """After a run is added: python workflow/scripts/proof_record.py pages."""
     text, published = (ROOT / page).read_text(), read_proof_record(RECORD)[-1]
-    assert (
-        filled(text, published) == text
-        and "\n".join(result_table(published.counts, published.own, published.worst)) in text
-    )
+    assert filled(text, published) == text and "\n".join(table_of(published)) in text
     if not published.registered:
         assert f"seed {published.seed}" in text and f"{published.cases} cases" in " ".join(text.split())
 
@@ -306,10 +303,7 @@ def test_docs_state_the_origin_of_the_equations():
 def test_generated_page_has_the_last_run_and_every_table():
     page = validation_tables.page()
     published = read_proof_record(RECORD)[-1]
-    assert (
-        "\n".join(result_table(published.counts, published.own, published.worst)) in page
-        and f"commit {published.commit}" in page
-    )
+    assert "\n".join(table_of(published)) in page and f"commit {published.commit}" in page
     for name, (count, n) in published.coverage.items():
         assert f"| {label(name)} | {count} of {n} |" in page
     results = yaml.safe_load(validation_tables.RESULTS.read_text())

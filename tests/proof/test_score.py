@@ -362,6 +362,7 @@ def test_headline_by_class_and_equation():
     found = headline(cases)
     assert counted(found["all"]["first_medium_or_strong"]) == (10, 12)
     assert counted(found["own"]["first_medium_or_strong"]) == (0, 1)
+    assert found["by_significance"] == found["all"]
     assert counted(found["all"]["false_alarms"]) == (0, 1) and counted(found["all"]["false_alarms_undeclared"]) == (
         1,
         1,
@@ -404,3 +405,6 @@ def test_named_effects_without_relevance_are_a_match():
     said = diagnosis("a", "match for practical purposes", {"scatter": {}})
     assert judged(truth("a", "none"), said).match and judged(truth("a", "none"), said).right
     assert judged(truth("a", "single", {"scatter": {}}, "weak"), said).first_credit == 1
+    strong, nothing = judged(truth("a", "single", {"scatter": {}}, "strong"), said), judged(truth("a", "none"), said)
+    assert strong.first_credit == 0 and strong.by_significance.first_credit == 1
+    assert not nothing.by_significance.match

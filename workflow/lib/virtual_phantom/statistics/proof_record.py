@@ -47,6 +47,8 @@ class RecordedRun:
     counts, own : mapping of str to tuple
         {name of QUANTITIES: (sum of scores, n)}, without and with the library's own equations; `own` is empty if
         `counts` has all cases.
+    by_significance : mapping of str to tuple
+        As `counts`, with all named effects counted, however irrelevant.
     worst : mapping of str to str
         {name of QUANTITIES: the worst class of cases in words}.
     classes : mapping
@@ -65,6 +67,7 @@ class RecordedRun:
     note: str
     counts: Mapping[str, Count]
     own: Mapping[str, Count] = field(default_factory=dict)
+    by_significance: Mapping[str, Count] = field(default_factory=dict)
     worst: Mapping[str, str] = field(default_factory=dict)
     classes: Mapping[str, Mapping[str, Mapping[str, Count]]] = field(default_factory=dict)
     coverage: Mapping[str, Count] = field(default_factory=dict)
@@ -83,8 +86,8 @@ def read_proof_record(path: str | Path) -> tuple[RecordedRun, ...]:
 
 
 def _run(entry: Mapping) -> RecordedRun:
-    pairs = {name: _pairs(entry.get(name, {})) for name in ("counts", "own", "coverage")}
-    if unknown := {*pairs["counts"], *pairs["own"]} - set(QUANTITIES):
+    pairs = {name: _pairs(entry.get(name, {})) for name in ("counts", "own", "by_significance", "coverage")}
+    if unknown := {*pairs["counts"], *pairs["own"], *pairs["by_significance"]} - set(QUANTITIES):
         raise ValueError(f"there is no count {sorted(unknown)[0]}")
     if not isinstance(entry["registered"], bool):
         raise ValueError(f"registered of commit {entry['commit']} is neither true nor false")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 from pathlib import Path
 
@@ -119,6 +119,11 @@ class Case:
     def match(self) -> bool:
         """Whether the verdict is that nothing relevant is missing."""
         return self.verdict.get("match", not self.verdict["effects"] and not self.unexplained)
+
+    @property
+    def by_significance(self) -> Case:
+        """The case with a match only if no effect is named, however irrelevant."""
+        return replace(self, verdict=self.verdict | {"match": self.match and not self.verdict["effects"]})
 
     def with_alternatives(self, effect: str) -> set[str]:
         """Return a named effect and the effects that were reported as equal."""

@@ -27,10 +27,11 @@ def _counts(shares: Mapping) -> dict[str, list]:
 
 
 def summary(headline: Mapping) -> dict[str, dict]:
-    """Return counts, own and worst of a headline score, as in RecordedRun."""
+    """Return counts, own, by_significance and worst of a headline score, as in RecordedRun."""
     return {
         "counts": _counts(headline["all"]),
         "own": _counts(headline["own"]),
+        "by_significance": _counts(headline["by_significance"]),
         "worst": {name: f"{label(one['class'])}: {_plain(one)}" for name, one in headline["worst"].items()},
     }
 
@@ -78,11 +79,17 @@ def add(path: str | Path, score: Mapping, runs: str | Path, note: str) -> None:
         made.write_text(Path(path).read_text(encoding="utf-8") + text, encoding="utf-8")
 
 
-def result_table(counts: Mapping[str, Count], own: Mapping[str, Count], worst: Mapping[str, str]) -> list[str]:
-    """Return the lines of a Markdown table: results, worst classes and own equations, as in RecordedRun."""
+def result_table(
+    counts: Mapping[str, Count],
+    own: Mapping[str, Count],
+    by_significance: Mapping[str, Count],
+    worst: Mapping[str, str],
+) -> list[str]:
+    """Return the lines of a Markdown table, of results as in RecordedRun."""
     columns = {
         "result (95 % interval)": {name: _share(pair) for name, pair in counts.items()},
         "worst class": worst,
+        "by significance": {name: _share(pair) for name, pair in by_significance.items()},
         "Virtual Phantom's own equations": {name: _share(pair) for name, pair in own.items()},
     }
     columns = {title: cells for title, cells in columns.items() if cells}
@@ -91,6 +98,11 @@ def result_table(counts: Mapping[str, Count], own: Mapping[str, Count], worst: M
         if any(name in cells for cells in columns.values()):
             lines.append(f"| {quantity} | {' | '.join(cells.get(name, '') for cells in columns.values())} |")
     return lines
+
+
+def table_of(run: RecordedRun) -> list[str]:
+    """Return `result_table` of a run."""
+    return result_table(run.counts, run.own, run.by_significance, run.worst)
 
 
 def class_table(run: RecordedRun) -> list[str]:
@@ -110,7 +122,7 @@ def filled(page: str, run: RecordedRun) -> str:
     """Return a page with the results of a run between its comments."""
     registered = "registered before its scans" if run.registered else "not registered"
     about = f"Commit {run.commit[:8]}, seed {run.seed}, {run.cases} cases, {registered}. {run.note}"
-    lines = "\n".join([*textwrap.wrap(about, 120), "", *result_table(run.counts, run.own, run.worst)])
+    lines = "\n".join([*textwrap.wrap(about, 120), "", *table_of(run)])
     return RESULTS.sub(lambda found: f"{found[1]}\n{lines}\n{found[2]}", page)
 
 
