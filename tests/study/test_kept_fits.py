@@ -75,6 +75,6 @@ def test_versions_of_numerical_packages_count(recording, monkeypatch):
 
 def test_killed_process_is_one_line(monkeypatch):
     """A process pool would wait for it forever."""
-    monkeypatch.setattr(run_parallel, "trial", lambda *task: os.kill(os.getpid(), signal.SIGKILL))
+    monkeypatch.setattr(run_parallel, "trial", lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
     with pytest.raises(InputError, match="2 processes .* was killed, .* memory: run with fewer cores"):
         run_parallel.trials(None, [(("scatter",), None, None), (("motion",), None, None)], 2)
