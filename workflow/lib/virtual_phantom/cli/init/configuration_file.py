@@ -146,8 +146,8 @@ NOTES = {
         "an entry of {base}."
     ),
     "protocols": (
-        "projections: views of the whole scan. group: a number of its own; feature stability is measured between "
-        "protocols that have one. null removes an entry of {base}."
+        "projections: views of the whole scan. group: a different number for each; feature stability is measured "
+        "between protocols that have one. null removes an entry of {base}."
     ),
     "analyses": "Analyses of the scans; null instead of a section removes it.",
 }

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from types import MappingProxyType
 
 import numpy as np
 
@@ -207,8 +208,15 @@ class Problem:
 
     def _less_pattern(self, parts: list[np.ndarray]) -> list[np.ndarray]:
         """Subtract the gain pattern: that of these residuals, with the shrinkage that was estimated last."""
-        pattern = self.pattern if self.estimated is None else self.estimated.of(parts[0].reshape(self.data.mean.shape))
-        return less_pattern(parts, pattern, self.data)
+        if self.estimated is None:
+            return less_pattern(parts, self.pattern, self.data)
+        return self._beside_pattern(parts)
+
+    def _beside_pattern(self, parts: list[np.ndarray]) -> list[np.ndarray]:
+        """Subtract what the estimated gain pattern takes up of changes, by part of the data, if there is one."""
+        if self.estimated is None:
+            return parts
+        return less_pattern(parts, self.estimated.of(parts[0].reshape(self.data.mean.shape)), self.data)
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Return a point as parameters by effect, and nuisance parameters by name."""
@@ -228,11 +236,9 @@ class Problem:
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         residuals = self._less_pattern(self.data.residuals(prediction))
         index = self.positions(("scale", "offset", *self.model.object_error_names))
-        changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)
-        design = np.stack([column.ravel() for column in changes])
-        design, weight = np.vstack([design, self.model.object_changes(self.data)]), self.weights[0]
-        if self.estimated is not None:
-            design = np.stack([self._less_pattern([change])[0] for change in design])
+        changes = (self.data.whitened(np.where(self.data.usable, column, 0)).ravel() for column in prediction.design)
+        changes = (*changes, *self.model.object_changes(self.data))
+        design, weight = np.stack([self._beside_pattern([change])[0] for change in changes]), self.weights[0]
         weighted = design * weight
         information = weighted @ design.T + np.diag(self.prior_precision[index])
         gradient = weighted @ residuals[0] + self.prior_precision[index] * (self.center[index] - point[index])
@@ -256,13 +262,21 @@ class Problem:
         """Return chi-square of the residuals plus chi-square of the deviation of a point from the priors."""
         return chi_square(self.weights, residuals) + float((self.prior_precision * (point - self.center) ** 2).sum())
 
-    def jacobian(self, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the change of predictions per step (`steps`) of every number, by part, shape (numbers, data)."""
-        columns = [self.derivative(index, point, residuals) for index in range(len(point))]
-        return [
-            np.stack([step * column[part] for step, column in zip(self.steps, columns, strict=True)])
-            for part in range(len(residuals))
+    def jacobian(
+        self,
+        point: np.ndarray,
+        residuals: list[np.ndarray],
+        known: Mapping[tuple[str, str], list[np.ndarray]] = MappingProxyType({}),
+    ) -> list[np.ndarray]:
+        """Return the change of predictions per step (`steps`) of every number, by part, shape (numbers, data).
+
+        Columns that are `known`, by one of `keys`, are not computed.
+        """
+        columns = [
+            known[key] if key in known else [step * part for part in self.derivative(index, point, residuals)]
+            for index, (key, step) in enumerate(zip(self.keys, self.steps, strict=True))
         ]
+        return [np.stack(parts) for parts in zip(*columns, strict=True)]
 
     def inherited_jacobian(self, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray] | None:
         """Return `jacobian` with the columns of the given fit, if it has other effects and its Jacobian is cached.
@@ -275,16 +289,12 @@ class Problem:
         before = Problem.at(self.fitter, self._given)
         if not before.is_cached:
             return None
-        known, columns = dict(zip(before.keys, range(len(before.keys)), strict=True)), before.jacobian_at_start()
-        found = []
-        for index, key in enumerate(self.keys):
-            if key in known:
-                share = self.steps[index] / before.steps[known[key]]
-                column = [share * part[known[key]] for part in columns]
-                found.append(column if self.estimated is None else self._less_pattern(column))
-            else:
-                found.append([self.steps[index] * part for part in self.derivative(index, point, residuals)])
-        return [np.stack(parts) for parts in zip(*found, strict=True)]
+        steps, parts, known = dict(zip(self.keys, self.steps, strict=True)), before.jacobian_at_start(), {}
+        for index, key in enumerate(before.keys):
+            if key in steps:
+                share = steps[key] / before.steps[index]
+                known[key] = self._beside_pattern([share * part[index] for part in parts])
+        return self.jacobian(point, residuals, known)
 
     @property
     def keys(self) -> list[tuple[str, str]]:
@@ -324,8 +334,7 @@ class Problem:
         """Return the change of predictions per unit of one number, by part, as a one-sided difference."""
         if (name := self._name(index)) in self.model.object_error_names:
             change = self.model.object_changes(self.data)[self.model.object_error_names.index(name)]
-            changes = [change, *(np.zeros_like(part) for part in residuals[1:])]
-            return changes if self.estimated is None else self._less_pattern(changes)
+            return self._beside_pattern([change, *(np.zeros_like(part) for part in residuals[1:])])
         step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
         moved = point.copy()
         moved[index] += step

@@ -131,7 +131,7 @@ def prepare(
     slices_variance: float | None = None,
     reconstruct_finely: Callable[[np.ndarray], np.ndarray] | None = None,
     known_image: np.ndarray | None = None,
-    known_error: np.ndarray | float = 0.0,
+    known_error: np.ndarray | None = None,
     noise_of_scan: float | None = None,
     filters: bool = False,
     uncertain: StatedObject | None = None,
@@ -164,7 +164,7 @@ def prepare(
         of both images then corrects every prediction. None: `reconstruct`, and no correction.
     known_image : ndarray, shape (z, y, x), optional
         Image that the model gives with declared physics only, HU; replaces this correction.
-    known_error : ndarray, shape (z, y, x), or float, optional
+    known_error : ndarray, shape (z, y, x), optional
         Standard deviation of errors of `known_image`, HU.
     noise_of_scan : float, optional
         See PreparedImages.
@@ -197,7 +197,7 @@ def prepare(
     finely = reconstruct_finely or reconstruct
     lines = chain.state(physics, pose, anode=anode).line_integrals()
     if noise_of_scan is not None:
-        # The mean of logarithms of noisy counts has a bias. Another scan contains that of its own noise.
+        # The mean of logarithms of noisy counts has a bias. Another scan contains the bias by its noise.
         bias = chain.state(physics, pose, photons=photons, anode=anode).log_noise()[0]
         lines = lines + 2 * noise_of_scan**2 / (1 + noise_of_scan**2) * bias
     coarse = reconstruct(lines[None])[0]
@@ -235,8 +235,9 @@ def prepare(
         final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
     data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
     # The correction is exact for one set of parameters; a part of it remains at edges that effects change.
-    left, known_error = (white(np.broadcast_to(hu, expected.shape)) for hu in (final.correction, known_error))
-    floor = np.hypot(CORRECTION_LEFT * left, known_error)
+    floor = CORRECTION_LEFT * np.abs(white(np.broadcast_to(final.correction, expected.shape)))
+    if known_error is not None:
+        floor = np.hypot(floor, white(np.broadcast_to(known_error, expected.shape)))
     floor = np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
     fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
     return PreparedImages(

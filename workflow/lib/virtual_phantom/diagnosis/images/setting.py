@@ -116,7 +116,7 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     if of_slices:
         # Scanners set air to one value; edges next to such voxels are cut off, too.
         valid = valid & ndimage.binary_erosion(np.ptp(repeats, axis=(0, 1)) > 0, iterations=CUT_OFF)[None]
-    known_error, noise_of_scan = 0.0, None
+    known_error = noise_of_scan = None
     if settings.of_scan:
         # All repeats of a slice are compared with the same noise of the other scan.
         every = repeats if further is None else np.concatenate([repeats, further])
