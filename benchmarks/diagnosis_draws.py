@@ -57,12 +57,13 @@ def left_over(prepared_data, physics, fit):
     found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearization)
     parts = [there - here for there, here in zip(held_out.residuals(found), held_out.residuals(truth), strict=True)]
     shape = held_out.mean.shape
-    pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))
+    pattern = (0 if fit.pattern is None else -fit.pattern.values) - (0 if gain is None else np.log(gain))
     parts[0] = (parts[0].reshape(shape) + held_out.whitened(np.where(held_out.usable, pattern, 0))).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
     fitted = HalfResiduals([part.copy() for part in parts], fitter.weights, prepared_data.data)
     more = alignment_tests(fit, fitter.model.distortions)
-    places = domain_tests(HalfResiduals(parts, fitter.held_weights, held_out), fit.pattern_variance, fitted, more)
+    of_pattern = None if fit.pattern is None else fit.pattern.variance
+    places = domain_tests(HalfResiduals(parts, fitter.held_weights, held_out), of_pattern, fitted, more)
     # Without noise, a sum of squares lacks the expectation of the noise.
     weight = fitter.held_weights[0].reshape(shape)
     terms = {"edges": EDGE_SHARE * (weight > 0).sum(), "pixels": (weight.sum(axis=0) > 0).sum()}

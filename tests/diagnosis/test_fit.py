@@ -20,7 +20,6 @@ from virtual_phantom.diagnosis.fitting.templates import data_changes
 from virtual_phantom.diagnosis.fitting.unknown import Unknown
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.selection.screening import amounts, explained, screened
-from virtual_phantom.diagnosis.uncertainty.prediction_error import jacobians_of_halves
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import LOGARITHM, load
@@ -257,7 +256,7 @@ def test_jacobians_at_finished_fits_are_computed_once():
     truth = {"scatter": {"amount": 0.05, "width_mm": 60.0}}
     fitter = fitted_to(truth)
     fit = fitter.fit(("scatter",), fitter.fit(()))
-    fitted, held_out = jacobians_of_halves(Problem.at(fitter, fit))
+    fitted, held_out = Problem.at(fitter, fit).changes_of_halves()
     again = Problem.at(fitter, fit)
     fresh = again.jacobian(again.start, again.residuals(again.start))
     for one, other in zip(fitted, fresh, strict=True):
@@ -266,7 +265,7 @@ def test_jacobians_at_finished_fits_are_computed_once():
     try:
         fitter.model.predict = None
         columns = data_changes(again)
-        assert jacobians_of_halves(again)[1] is held_out
+        assert again.changes_of_halves()[1] is held_out
     finally:
         fitter.model.predict = predict
     np.testing.assert_allclose(

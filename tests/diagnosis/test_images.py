@@ -197,7 +197,7 @@ def test_gain_errors_of_detector_elements_are_named_as_rings(scene):
         reconstruct(Chain(scene, GEOMETRY, PHOTONS).state(one).line_integrals()[None])[0] for one in ({}, physics)
     ]
     data = prepared_data.data
-    rings = data.pattern_field(diagnosis.choice.chosen.fit.pattern)
+    rings = data.pattern_field(diagnosis.choice.chosen.fit.pattern.values)
     used = data.usable & (rings != 0)
     found_rings = data.white.inverse(np.where(data.usable, rings, 0))[used]
     assert np.corrcoef(found_rings, (images[1] - images[0])[used])[0, 1] > 0.5

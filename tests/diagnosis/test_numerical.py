@@ -162,7 +162,7 @@ def test_gain_pattern_excludes_the_discretization_errors(known):
     assert fit.linearization.errors.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
     bare = fitter.residuals(replace(fit, pattern=None), held_out=False)[0].reshape(GEOMETRY.shape)
     weight = fitter.weights[0].reshape(GEOMETRY.shape)
-    np.testing.assert_allclose(fit.pattern, estimate(bare, weight).values, atol=2e-5)
+    np.testing.assert_allclose(fit.pattern.values, estimate(bare, weight).values, atol=2e-5)
 
 
 def test_without_a_second_voxel_size_errors_are_reported_as_mismatch(known):

@@ -11,9 +11,10 @@ import numpy as np
 from ...base.lru_cache import LRUCache
 from ...physics.effect import load
 from ..noise.condensed import Observed, Prediction
+from ..noise.gain_pattern import Pattern
 from .linearization import BASE, Linearization
 from .model import Model
-from .problem import Problem, chi_square, less_pattern
+from .problem import Problem, chi_square
 from .solver import JointProblem, solve
 from .steps import standard_errors
 
@@ -47,8 +48,8 @@ class Fit:
         Deviations of the nuisance parameters from their priors, in standard deviations.
     corrected : float
         Chi-square of the corrections for numerical errors.
-    pattern, pattern_variance : ndarray, shape (rows, columns), or None
-        Gain pattern, added to line integrals, and the variance of its constants.
+    pattern : Pattern or None
+        Gain pattern, added to line integrals.
     """
 
     effects: tuple[str, ...]
@@ -64,8 +65,7 @@ class Fit:
     pulled: dict[str, float] = field(default_factory=dict)
     linearization: Linearization = BASE
     corrected: float = 0.0
-    pattern: np.ndarray | None = field(default=None, repr=False)
-    pattern_variance: np.ndarray | None = field(default=None, repr=False)
+    pattern: Pattern | None = field(default=None, repr=False)
 
     @classmethod
     def at(cls, problem: Problem, point: np.ndarray, errors: np.ndarray | None, residuals: Sequence[np.ndarray]) -> Fit:
@@ -85,10 +85,9 @@ class Fit:
             physics[unknown.effect][unknown.name] = float(unknown.value(number))
             if errors is not None:
                 spread[unknown.effect][unknown.name] = float(unknown.value_error(number, errors[index]))
-        estimated = problem.estimated
         for name in problem.effects:
             if load(name).pattern:
-                physics[name]["rms"], spread[name]["rms"] = estimated.rms, estimated.error
+                physics[name]["rms"], spread[name]["rms"] = problem.pattern.rms, problem.pattern.error
         aligned = list(zip(problem.nuisances, point[count:], strict=True))
         nuisance = {number.name: float(value) for number, value in aligned}
         ends = () if errors is None else map(float, errors[count:])
@@ -107,7 +106,6 @@ class Fit:
             linearization=problem.linearization,
             corrected=float((problem.weights[0] * corrected).sum()),
             pattern=problem.pattern,
-            pattern_variance=estimated.variance if problem.patterned else None,
         )
 
 
@@ -165,19 +163,17 @@ class Fitter:
         point = problem.best_start()
         problem.follow(point)
         alone = JointProblem({"": problem}, {"": ""})
-        found = solve(alone, alone.recompute(point), with_information=False)
-        errors = None if found.information is None else standard_errors(found.information)
-        return Fit.at(problem, found.point, errors, found.residuals[""]), found.predicted_decrease
+        found = solve(alone, alone.recompute(point))
+        return Fit.at(problem, found.point, None, found.residuals[""]), found.predicted_decrease
 
     def with_errors(self, fit: Fit) -> Fit:
         """Return a fit with standard errors."""
         if fit.nuisance_errors:
             return fit
         problem = Problem.at(self, fit)
-        alone = JointProblem({"": problem}, {"": ""})
-        here = alone.recompute(problem.start)
-        information, _ = alone.normal(alone.jacobians(here), here)
-        found = Fit.at(problem, here.point, standard_errors(information), here.residuals[""])
+        residuals = problem.residuals(problem.start)
+        information, _ = problem.normal(problem.jacobian_at_start(), problem.start, residuals)
+        found = Fit.at(problem, problem.start, standard_errors(information), residuals)
         return replace(fit, errors=found.errors, nuisance_errors=found.nuisance_errors)
 
     def predicted(self, fit: Fit, held_out: bool = False) -> Prediction:
@@ -188,7 +184,17 @@ class Fitter:
     def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
         """Return observed minus predicted data, by part, shape (data,); the mean's noise is whitened."""
         data = self.held_out if held_out else self.data
-        return less_pattern(data.residuals(self.predicted(fit, held_out)), fit.pattern, data)
+        mean, *rest = data.residuals(self.predicted(fit, held_out))
+        if fit.pattern is not None:
+            field = np.where(data.usable, data.pattern_field(fit.pattern.values), 0)
+            mean = (mean.reshape(data.mean.shape) - data.whitened(field)).ravel()
+        return [mean, *rest]
+
+    def chi_square_beside(self, fit: Fit, pattern: Pattern) -> float:
+        """Return a fit's chi-square with the priors of another gain pattern."""
+        problem = Problem.at(self, fit)
+        problem.pattern = pattern
+        return problem.chi_square(problem.residuals(problem.start), problem.start)
 
     def score(self, fit: Fit) -> float:
         """Return the log score of the held-out data up to a constant: minus half of chi-square."""

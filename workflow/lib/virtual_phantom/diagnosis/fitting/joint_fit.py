@@ -107,7 +107,10 @@ class JointFitter:
 
     def _solve(self, problem: JointProblem) -> JointFit:
         found = solve(problem, problem.common_start())
-        errors, root, fits = standard_errors(found.information), ScaledEigenvalues.of(found.information).root, {}
+        information = found.information
+        if information is None:
+            information, _ = problem.normal(problem.jacobians(found), found)
+        errors, root, fits = standard_errors(information), ScaledEigenvalues.of(information).root, {}
         for name, own, part in problem.parts(found.point):
             indices = problem.indices[name]
             fit = Fit.at(own, part, errors[indices], found.residuals[name])

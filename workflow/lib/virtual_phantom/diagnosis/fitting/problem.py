@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from types import MappingProxyType
@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ...physics.effect import FOCAL_SPOT, GEOMETRY, MOTION, load
-from ..noise.condensed import Observed
+from ..noise.gain_pattern import Pattern
 from .linearization import LinearizationPoint
 from .nuisance import POSES, SURE, Nuisance
 from .steps import bounded_step
@@ -57,15 +57,16 @@ class Problem:
         Means of the Gaussian priors, and their inverse variances (0: no prior).
     steps : ndarray, shape (numbers,)
         Steps of finite differences.
-    pattern : ndarray, shape (rows, columns) or (slices, rings), or None
-        Gain pattern that is subtracted from residuals.
+    pattern : Pattern or None
+        Gain pattern that the fitted data may contain. Residuals and derivatives lose what it absorbs.
     """
 
     def __init__(self, fitter, effects: tuple[str, ...], given=None, beside: str | None = None):
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self._given, given = given, given or self.model.first
-        self.patterned, self.pattern, self.estimated = any(load(name).pattern for name in effects), None, None
+        self.patterned = any(load(name).pattern for name in effects)
+        self.pattern: Pattern | None = None
         self.linearization, self.linearized = self.model.nominal if given is None else given.linearization, 0
         self.all_effects = self.model.with_declared_effects(self.effects)
         self.unknowns = self.model.unknowns(self.all_effects)
@@ -100,9 +101,9 @@ class Problem:
         return found
 
     def of_held_out(self) -> Problem:
-        """Return the same problem on the held-out data."""
+        """Return the same problem on the held-out data, which do not change the gain pattern."""
         found = copy.copy(self)
-        found.data, found.weights = self.fitter.held_out, self.fitter.held_weights
+        found.data, found.weights, found.pattern = self.fitter.held_out, self.fitter.held_weights, None
         return found
 
     def best_start(self) -> np.ndarray:
@@ -202,21 +203,26 @@ class Problem:
         return True
 
     def residuals(self, point: np.ndarray, reach: float = 1.0) -> list[np.ndarray]:
-        """Return observed data minus prediction and gain pattern, by part, shape (data,), with whitened noise."""
+        """Return observed minus predicted data, by part, shape (data,), with whitened noise, beside a gain pattern."""
         prediction = self.model.predict(*self._named(point), self.data, replace(self.linearization, reach=reach))
-        return self._less_pattern(self.data.residuals(prediction))
+        return self.beside_pattern(self.data.residuals(prediction))
 
-    def _less_pattern(self, parts: list[np.ndarray]) -> list[np.ndarray]:
-        """Subtract the gain pattern: that of these residuals, with the shrinkage that was estimated last."""
-        if self.estimated is None:
-            return less_pattern(parts, self.pattern, self.data)
-        return self._beside_pattern(parts)
+    def beside_pattern(self, parts: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return residuals or changes of the data, by part, less what a gain pattern absorbs (Pattern.absorbed)."""
+        if self.pattern is None:
+            return list(parts)
+        return [self._less(self.pattern.absorbed, parts[0], parts[0]), *parts[1:]]
 
-    def _beside_pattern(self, parts: list[np.ndarray]) -> list[np.ndarray]:
-        """Subtract what the estimated gain pattern takes up of changes, by part of the data, if there is one."""
-        if self.estimated is None:
-            return parts
-        return less_pattern(parts, self.estimated.of(parts[0].reshape(self.data.mean.shape)), self.data)
+    def _less(self, constants: Callable, residual: np.ndarray, of: np.ndarray) -> np.ndarray:
+        """Return a residual of the mean less constants of a gain pattern, a function of another residual."""
+        fitted, shape = self.fitter.data, self.fitter.data.mean.shape
+        found = constants(of.reshape(shape), self.fitter.weights[0].reshape(shape), fitted.pattern_sums)
+        field = np.broadcast_to(fitted.pattern_field(found), self.data.mean.shape)
+        return residual - np.where(self.weights[0] > 0, field.ravel(), 0)
+
+    def whitened(self, parts: Sequence[np.ndarray]) -> np.ndarray:
+        """Return residuals or changes of the data, by part, in standard deviations, beside a gain pattern."""
+        return whitened(self.beside_pattern(parts), self.weights)
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Return a point as parameters by effect, and nuisance parameters by name."""
@@ -234,11 +240,11 @@ class Problem:
         """
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
-        residuals = self._less_pattern(self.data.residuals(prediction))
+        residuals = self.beside_pattern(self.data.residuals(prediction))
         index = self.positions(("scale", "offset", *self.model.object_error_names))
         changes = (self.data.whitened(np.where(self.data.usable, column, 0)).ravel() for column in prediction.design)
         changes = (*changes, *self.model.object_changes(self.data))
-        design, weight = np.stack([self._beside_pattern([change])[0] for change in changes]), self.weights[0]
+        design, weight = np.stack([self.beside_pattern([change])[0] for change in changes]), self.weights[0]
         weighted = design * weight
         information = weighted @ design.T + np.diag(self.prior_precision[index])
         gradient = weighted @ residuals[0] + self.prior_precision[index] * (self.center[index] - point[index])
@@ -248,15 +254,17 @@ class Problem:
         return point, [np.where(weight > 0, residuals[0] - step @ design, 0), *residuals[1:]]
 
     def recompute_residuals(self, point: np.ndarray) -> list[np.ndarray]:
-        """Estimate the gain pattern at a point if one is fitted, and return the residuals."""
-        self.pattern = self.estimated = None
+        """Estimate the gain pattern at a point if one is fitted, and return the residuals.
+
+        A smooth part that once belonged to the pattern stays, as a search would not end if it came and went.
+        """
+        smooth, self.pattern = self.pattern is not None and self.pattern.smooth, None
         residuals = self.residuals(point)
         if not self.patterned:
             return residuals
-        shape, weight = self.data.mean.shape, self.weights[0]
-        self.estimated = self.data.pattern(residuals[0].reshape(shape), weight.reshape(shape))
-        self.pattern = self.estimated.values
-        return less_pattern(residuals, self.pattern, self.data)
+        shape = self.data.mean.shape
+        self.pattern = self.data.pattern(residuals[0].reshape(shape), self.weights[0].reshape(shape), smooth)
+        return self.beside_pattern(residuals)
 
     def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
         """Return chi-square of the residuals plus chi-square of the deviation of a point from the priors."""
@@ -289,11 +297,11 @@ class Problem:
         before = Problem.at(self.fitter, self._given)
         if not before.is_cached:
             return None
-        steps, parts, known = dict(zip(self.keys, self.steps, strict=True)), before.jacobian_at_start(), {}
+        steps, parts, known = dict(zip(self.keys, self.steps, strict=True)), before.changes_at_start(), {}
         for index, key in enumerate(before.keys):
             if key in steps:
                 share = steps[key] / before.steps[index]
-                known[key] = self._beside_pattern([share * part[index] for part in parts])
+                known[key] = self.beside_pattern([share * part[index] for part in parts])
         return self.jacobian(point, residuals, known)
 
     @property
@@ -304,22 +312,49 @@ class Problem:
 
     @property
     def is_cached(self) -> bool:
-        """Whether `jacobian_at_start` is cached."""
+        """Whether `changes_at_start` is cached."""
         return 8 * len(self.start) * self.data.mean.size <= MOST_KEPT
 
     def jacobian_at_start(self) -> list[np.ndarray]:
-        """Return the Jacobian at the starting point, from the cache unless it is large."""
+        """Return the Jacobian at the starting point."""
+        found = self.changes_at_start()
+        if self.pattern is None:
+            return found
+        return [np.stack(parts) for parts in zip(*map(self.beside_pattern, zip(*found, strict=True)), strict=True)]
+
+    def changes_at_start(self) -> list[np.ndarray]:
+        """Return the Jacobian at the starting point for a known gain pattern, from the cache unless it is large."""
+        alone = copy.copy(self)
+        alone.pattern = None
 
         def compute() -> list[np.ndarray]:
-            return self.jacobian(self.start, self.residuals(self.start))
+            return alone.jacobian(self.start, alone.residuals(self.start))
 
         if not self.is_cached:
             return compute()
-        arrays = (self.start, self.steps, self.high, *(() if self.pattern is None else (self.pattern,)))
         linearized = self.linearization.errors.key, self.linearization.rays.key
         held = self.data is self.fitter.held_out
-        key = self.effects, held, linearized, tuple(array.tobytes() for array in arrays)
+        key = self.effects, held, linearized, tuple(array.tobytes() for array in (self.start, self.steps, self.high))
         return self.fitter.kept.get(key, compute)
+
+    def changes_of_halves(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Return `changes_at_start` of the fitted and of the held-out data."""
+        fitted = self.changes_at_start()
+        if self.fitter.held_out.usable is self.data.usable:
+            return fitted, fitted
+        return fitted, self.of_held_out().changes_at_start()
+
+    def jacobian_of_held_out(self) -> list[np.ndarray]:
+        """Return the Jacobian of the held-out data at the starting point.
+
+        The gain pattern responds to the parameters, as it is estimated from the fitted data.
+        """
+        fitted, held = self.changes_of_halves()
+        if self.pattern is None:
+            return held
+        there = self.of_held_out()
+        responding = [there._less(self.pattern.constants, *rows) for rows in zip(held[0], fitted[0], strict=True)]
+        return [np.stack(responding), *held[1:]]
 
     def normal(self, jacobian, point: np.ndarray, residuals: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the information matrix, and the gradient of minus half of chi-square."""
@@ -334,7 +369,7 @@ class Problem:
         """Return the change of predictions per unit of one number, by part, as a one-sided difference."""
         if (name := self._name(index)) in self.model.object_error_names:
             change = self.model.object_changes(self.data)[self.model.object_error_names.index(name)]
-            return self._beside_pattern([change, *(np.zeros_like(part) for part in residuals[1:])])
+            return self.beside_pattern([change, *(np.zeros_like(part) for part in residuals[1:])])
         step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
         moved = point.copy()
         moved[index] += step
@@ -363,9 +398,6 @@ def chi_square(weights: list[np.ndarray], residuals: list[np.ndarray]) -> float:
     return sum(float((weight * residual**2).sum()) for weight, residual in zip(weights, residuals, strict=True))
 
 
-def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Observed) -> list[np.ndarray]:
-    """Subtract a gain pattern, if there is one, from the mean's residuals."""
-    if pattern is None:
-        return parts
-    mean = parts[0].reshape(data.mean.shape) - data.whitened(np.where(data.usable, data.pattern_field(pattern), 0))
-    return [mean.ravel(), *parts[1:]]
+def whitened(parts: Sequence[np.ndarray], weights: Sequence[np.ndarray]) -> np.ndarray:
+    """Return parts of the data in standard deviations, concatenated, shape (data,)."""
+    return np.concatenate([part * np.sqrt(weight) for part, weight in zip(parts, weights, strict=True)])

@@ -55,7 +55,7 @@ class Solution(Iterate):
     Attributes
     ----------
     information : ndarray, shape (numbers, numbers), or None
-        None if it was not asked for, and the last Jacobian is not of this point.
+        None if the last Jacobian was made by Broyden's updates.
     predicted_decrease : float
         Decrease of chi-square that the derivatives predict although no step achieves it; 0 if the search converged.
     """
@@ -165,16 +165,11 @@ class JointProblem:
         return information, gradient
 
 
-def solve(problem: JointProblem, start: Iterate, with_information: bool = True) -> Solution:
+def solve(problem: JointProblem, start: Iterate) -> Solution:
     """Minimize chi-square from a start.
 
     A Jacobian by finite differences costs one prediction per number. With Broyden's updates it stays in use as long as
     steps gain about as much as it predicts.
-
-    Parameters
-    ----------
-    with_information : bool, optional
-        Whether the information matrix is needed, even if it takes another Jacobian.
     """
     here, jacobians, damping, as_expected = start, problem.inherited_jacobians(start), 0.0, False
     small_steps, stalled = 0, False
@@ -195,9 +190,11 @@ def solve(problem: JointProblem, start: Iterate, with_information: bool = True) 
             as_expected = AS_EXPECTED[0] * step.expected < gained < AS_EXPECTED[1] * step.expected
             if problem.patterned:
                 here = problem.recompute(here.point)
-            if fresh:
-                slow = damping >= HIGH_DAMPING or gained < AS_EXPECTED[0] * step.expected
-                small_steps = small_steps + 1 if gained < SMALL_GAIN and slow else 0
+            slow = damping >= HIGH_DAMPING or gained < AS_EXPECTED[0] * step.expected
+            if gained >= SMALL_GAIN or (fresh and not slow):
+                small_steps = 0
+            elif fresh:
+                small_steps += 1
             stalled = small_steps >= SMALL_STEPS
             converged = stalled or (gained < enough and fresh)
         # The shrinkage of a gain pattern is estimated in turn with the numbers: corrections do not wait for it.
@@ -210,10 +207,8 @@ def solve(problem: JointProblem, start: Iterate, with_information: bool = True) 
             here, small_steps, stalled = problem.recompute(here.point), 0, False
         if corrected or not as_expected:
             jacobians = None
-    if not fresh:  # derivatives by Broyden's updates are too inexact for standard errors
-        information = problem.normal(problem.jacobians(here), here)[0] if with_information else None
     predicted_decrease = step.predicted_decrease if fresh and converged and (stalled or not gained) else 0.0
-    return Solution(here.point, here.residuals, here.chi_square, information, predicted_decrease)
+    return Solution(here.point, here.residuals, here.chi_square, information if fresh else None, predicted_decrease)
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,10 @@ import numpy as np
 
 from ...physics.effect import Parameter, load
 from .fit import Fit, Fitter
-from .problem import MOVING_STEPS, SLOPE_REACH, Problem
+from .problem import MOVING_STEPS, SLOPE_REACH, Problem, whitened
 from .unknown import Unknown
 
 SMALL = 1e-9  # of a template's square: rounding of one that the nuisance parameters absorb entirely
-
-
-def whitened(parts: list[np.ndarray], weights: list[np.ndarray]) -> np.ndarray:
-    """Return parts of the data in standard deviations, concatenated, shape (data,)."""
-    return np.concatenate([part * np.sqrt(weight) for part, weight in zip(parts, weights, strict=True)])
 
 
 def data_changes(problem: Problem) -> np.ndarray:
@@ -75,7 +70,7 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
         Values of parameters without a neutral value, where they are not typical. Parameters, in the order of `varied`,
         change faster than shapes.
     """
-    every = fitter.model.parameters(name)
+    problem, every = Problem.at(fitter, fit), fitter.model.parameters(name)
     before = fitter.data.residuals(fitter.predicted(fit))
     ranges = {unknown.name: unknown for unknown in fitter.model.unknowns((name,))}
     typical = {}
@@ -94,7 +89,7 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
             linearization = replace(fit.linearization, reach=reach)
             changed = fitter.model.predict(fit.physics | {name: values}, fit.nuisance, fitter.data, linearization)
             after = fitter.data.residuals(changed)
-            rows.append(times * whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
+            rows.append(times * problem.whitened([a - b for a, b in zip(before, after, strict=True)]))
     return np.stack(rows)
 
 

@@ -39,16 +39,18 @@ def trial(
     """
     start = None if given is None else given.fit
     fit = fitter.fit(effects, start, from_farther=against is not None, with_errors=with_errors)
-    p = 1.0 if against is None else effect_p_value(fit, against.fit, effects[-1])
+    p = 1.0 if against is None else effect_p_value(fitter, fit, against.fit, effects[-1])
     return Trial(fit, fitter.score(fit), p)
 
 
-def effect_p_value(fit: Fit, without: Fit, effect: str) -> float:
+def effect_p_value(fitter: Fitter, fit: Fit, without: Fit, effect: str) -> float:
     """Return an effect's p-value from the likelihood ratio of fits with and without it.
 
-    The p-value of a gain pattern comes from its size.
+    The p-value of a gain pattern comes from its size. Other effects beside a gain pattern are tested with the priors of
+    the fit without them: with an effect's help, the priors become narrower, and chi-square would rise.
     """
     if load(effect).pattern:
         return gain_pattern.pattern_p_value(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
-    lost = max(0.0, without.chi_square - fit.chi_square)
+    left = fit.chi_square if without.pattern is None else fitter.chi_square_beside(fit, without.pattern)
+    lost = max(0.0, without.chi_square - left)
     return float(stats.chi2.sf(lost, max(1, fit.free - without.free)))

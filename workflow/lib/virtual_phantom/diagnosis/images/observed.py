@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -45,17 +46,9 @@ class ObservedImages(Observed):
     white: ImageWhitening | None = None
     rings: np.ndarray | None = None
 
-    def pattern(self, residual: np.ndarray, weight: np.ndarray) -> Pattern:
-        """Estimate rings in whitened residuals; the RMS is in HU.
-
-        Rings next to an edge of the object about the isocenter are not used: errors of the edge look like rings.
-        """
-        away = self._away_from_edges()
-
-        def sums(values):
-            return self._over_rings(values) * away
-
-        found = estimate(residual, weight, sums=sums)
+    def pattern(self, residual: np.ndarray, weight: np.ndarray, smooth: bool = False) -> Pattern:
+        """Estimate rings in whitened residuals; the RMS is in HU."""
+        found = estimate(residual, weight, sums=self.pattern_sums, smooth=smooth)
         if not found.rms:
             return found
         # Over voxels, of the estimates and of their shrinkage; inner rings are stronger and have few voxels.
@@ -64,10 +57,15 @@ class ObservedImages(Observed):
         rms = float(np.sqrt((self.white.inverse(field)[self.usable] ** 2).mean() / shrunk))
         return replace(found, rms=rms, error=found.error * rms / found.rms)
 
+    def pattern_sums(self, values: np.ndarray) -> np.ndarray:
+        """Return sums over the voxels of rings; 0 next to an edge of the object, whose errors look like rings."""
+        return self._over_rings(values) * self._away_from_edges
+
     def _over_rings(self, values: np.ndarray) -> np.ndarray:
         """Return sums over the voxels of every ring, shape (slices, rings)."""
         return np.stack([np.bincount(self.rings.ravel(), one.ravel()) for one in values])
 
+    @cached_property
     def _away_from_edges(self) -> np.ndarray:
         """Return the rings without an edge of the object along the ring, bool, shape (slices, rings)."""
         count = np.maximum(self._over_rings(np.ones(self.expected.shape)), 1)

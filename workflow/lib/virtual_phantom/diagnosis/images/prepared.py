@@ -108,7 +108,7 @@ class PreparedImages(Prepared):
         data = self.held_out if held_out else self.data
         left = data.hu - self.fitter.model.image(fit.physics, fit.nuisance, fit.linearization)
         if fit.pattern is not None:
-            left -= data.white.inverse(np.where(data.usable, data.pattern_field(fit.pattern), 0))
+            left -= data.white.inverse(np.where(data.usable, data.pattern_field(fit.pattern.values), 0))
         return left[data.usable]
 
 

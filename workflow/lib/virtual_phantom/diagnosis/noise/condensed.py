@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .gain_pattern import Pattern, estimate
+from .gain_pattern import Pattern, estimate, over_views
 from .whitening import Whitening
 
 FEWEST = 8  # least degrees of freedom for a reliable mean of an inverse variance
@@ -133,9 +133,13 @@ class Observed:
         """Names of the parts of the data, in the order of residuals and weights."""
         return ("mean",) if self.variance is None else ("mean", "noise variance", "noise correlation")
 
-    def pattern(self, residual: np.ndarray, weight: np.ndarray) -> Pattern:
-        """Estimate a gain pattern in residuals of the mean, with weights of the same shape."""
-        return estimate(residual, weight, self.whitening)
+    def pattern(self, residual: np.ndarray, weight: np.ndarray, smooth: bool = False) -> Pattern:
+        """Estimate a gain pattern in residuals of the mean; arguments as `gain_pattern.estimate`."""
+        return estimate(residual, weight, self.whitening, self.pattern_sums, smooth)
+
+    def pattern_sums(self, values: np.ndarray) -> np.ndarray:
+        """Return sums over the data that share a constant of a gain pattern."""
+        return over_views(values)
 
     def pattern_field(self, constants: np.ndarray) -> np.ndarray:
         """Return the constants of a gain pattern, broadcastable to the mean."""

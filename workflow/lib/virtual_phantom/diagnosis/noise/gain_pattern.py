@@ -17,9 +17,17 @@ SMOOTH_FACTOR = 3.0  # of the variance expected of the smooth part
 SMOOTH_PX = 3.0  # width of the Gaussian that gives the smooth part, which may be other physics
 
 
+Sums = Callable[[np.ndarray], np.ndarray]
+
+
+def over_views(values: np.ndarray) -> np.ndarray:
+    """Return sums over the data of every pixel, shape (rows, columns)."""
+    return values.sum(axis=0)
+
+
 @dataclass(frozen=True)
 class Pattern:
-    """Constants added to line integrals.
+    """Constants added to line integrals, with independent normal priors.
 
     Attributes
     ----------
@@ -27,17 +35,37 @@ class Pattern:
         Estimates, shrunk towards 0 for noise.
     variance : ndarray, shaped as `values`
         Variance of the true constants, whitened, about them.
+    share : ndarray, shaped as `values`
+        Share of the mean residual of its data that each constant takes, by its prior.
+    smooth : bool
+        Whether the smooth part of the mean residual belongs to the pattern.
     rms, error : float
         Standard deviation of the true constants, and its standard error.
-    of : callable
-        Returns the estimates for other residuals, with the same shrinkage: a linear function.
     """
 
     values: np.ndarray
     variance: np.ndarray
+    share: np.ndarray
+    smooth: bool
     rms: float
     error: float
-    of: Callable[[np.ndarray], np.ndarray]
+
+    def constants(self, residual: np.ndarray, weight: np.ndarray, sums: Sums = over_views) -> np.ndarray:
+        """Return the estimates for another whitened residual, a linear function; arguments as `estimate`."""
+        return self.share * self._mean(residual, weight, sums)
+
+    def absorbed(self, residual: np.ndarray, weight: np.ndarray, sums: Sums = over_views) -> np.ndarray:
+        """Return the constants without which the square of a residual is chi-square beside the pattern.
+
+        Let r be a residual with weights W, A r its means, S the shares, and B the spreading of constants over the data.
+        The best constants S A r leave r'W (r - B S A r), with the squares of their priors. This is the weighted square
+        of r - B (1 - sqrt(1 - S)) A r, as A B = 1.
+        """
+        return (1 - np.sqrt(1 - self.share)) * self._mean(residual, weight, sums)
+
+    def _mean(self, residual: np.ndarray, weight: np.ndarray, sums: Sums) -> np.ndarray:
+        mean, good = _mean(residual, weight, sums)
+        return mean if self.smooth else _without_smooth(mean, good)[0]
 
 
 def pattern_p_value(rms: float, error: float) -> float:
@@ -48,35 +76,30 @@ def pattern_p_value(rms: float, error: float) -> float:
     return float(stats.norm.sf(rms / error)) if rms else 1.0
 
 
-def over_views(values: np.ndarray) -> np.ndarray:
-    """Return sums over the data of every pixel, shape (rows, columns)."""
-    return values.sum(axis=0)
-
-
 def estimate(
     residual: np.ndarray,
     weight: np.ndarray,
     whitening: Whitening | None = None,
-    sums: Callable[[np.ndarray], np.ndarray] = over_views,
+    sums: Sums = over_views,
+    smooth: bool = False,
 ) -> Pattern:
     """Estimate the pattern in residuals with weights 1 / variance, shape (views, rows, columns).
-
-    `sums` returns the sums over the data that share a constant.
 
     The constants are modeled as independent normal values, whose variance is the mean square of their rough part less
     that of noise. A smooth part that is larger than expected of such values is other physics (the shadow of a disc is
     equal in all views), and not part of the pattern.
+
+    Parameters
+    ----------
+    sums : callable, optional
+        Returns the sums over the data that share a constant.
+    smooth : bool, optional
+        Whether the smooth part belongs to the pattern, however large it is.
     """
-    total = sums(weight)
-    good = total > 0
-    noise = np.where(good, 1 / np.where(good, total, 1), 0)
-
-    def averaged(values: np.ndarray) -> np.ndarray:
-        return np.where(good, sums(weight * values) / np.where(good, total, 1), 0)
-
-    mean = averaged(residual)
+    mean, good = _mean(residual, weight, sums)
+    noise = np.where(good, 1 / np.where(good, sums(weight), 1), 0)
     if not good.any():
-        return Pattern(mean, noise, 0.0, 0.0, averaged)
+        return Pattern(mean, noise, np.zeros_like(noise), smooth, 0.0, 0.0)
     rough, left = _without_smooth(mean, good)
     square = rough[good] ** 2 / left
     excess = float((square - noise[good]).mean())
@@ -84,20 +107,20 @@ def estimate(
     typical = float(square.mean())
     error = typical * np.sqrt(2 / good.sum()) / (2 * max(rms, np.sqrt(typical / np.sqrt(good.sum()))))
     share = np.where(good, rms**2 / np.maximum(rms**2 + noise, 1e-300), 0) if rms else np.zeros_like(noise)
-    smooth = (mean - rough)[good]
     expected = (1 - left) * float((rms**2 + noise[good]).mean())
-    with_smooth = float((smooth**2).mean()) <= SMOOTH_FACTOR * expected
-
-    def constants(values: np.ndarray) -> np.ndarray:
-        found = averaged(values)
-        found = share * (found if with_smooth else _without_smooth(found, good)[0])
-        return found if whitening is None else whitening.pixels(found)
-
-    values = constants(residual)
+    smooth = smooth or float(((mean - rough)[good] ** 2).mean()) <= SMOOTH_FACTOR * expected
+    values = share * (mean if smooth else rough)
     if whitening is not None:  # which makes white constants of pixels rougher
-        larger = whitening.roughness(_widths(mean.shape))
+        values, larger = whitening.pixels(values), whitening.roughness(_widths(mean.shape))
         rms, error = rms / larger, error / larger
-    return Pattern(values, share * noise, rms, float(error), constants)
+    return Pattern(values, share * noise, share, smooth, rms, float(error))
+
+
+def _mean(residual: np.ndarray, weight: np.ndarray, sums: Sums) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weighted mean residual of the data that share a constant, and whether they have weight."""
+    total = sums(weight)
+    good = total > 0
+    return np.where(good, sums(weight * residual) / np.where(good, total, 1), 0), good
 
 
 def _widths(shape: tuple[int, ...]) -> list[float]:

@@ -87,7 +87,8 @@ class PreparedScans(Prepared):
     ) -> list[DomainTest]:
         """See Prepared.domains."""
         uncertain = None if fitted is None else changes_by_parameter_errors(self.fitter, fit)
-        return domain_tests(half, fit.pattern_variance, fitted, more, uncertain, self.step)
+        of_pattern = None if fit.pattern is None else fit.pattern.variance
+        return domain_tests(half, of_pattern, fitted, more, uncertain, self.step)
 
     def share_at_edges(self, fit: Fit) -> float | None:
         """See Prepared.share_at_edges."""
@@ -116,7 +117,7 @@ class PreparedScans(Prepared):
                     number.name: number.expected for number in corrected.fitter.model.nuisances_for(fit.effects)
                 }
                 fit = replace(fit, nuisance=expected)
-            fit = corrected.fitter.fit(fit.effects, fit)
+            fit = corrected.fitter.fit(fit.effects, fit, with_errors=False)
             gained, least = least - fit.chi_square, min(least, fit.chi_square)
             if gained > 0:
                 best = corrected

@@ -170,9 +170,9 @@ class ForwardSelection:
         """Select effects."""
         self.add_effects()
         choice = self.exchange_effects()
+        found = self._filters_beside(choice.chosen) if choice.chosen.fit.effects else {}
         fit = self.fits.fitter.with_errors(choice.chosen.fit)
         choice = replace(choice, chosen=replace(choice.chosen, fit=fit))
-        found = self._filters_beside(choice.chosen) if choice.chosen.fit.effects else {}
         significant = [name for name, one in found.items() if stands_out(one, len(found), 2 * LEAST_GAIN)]
         undecided = {name: found[name].gain / 2 for name in significant}
         numerical = self.accuracy.get("numerical", 0.0)

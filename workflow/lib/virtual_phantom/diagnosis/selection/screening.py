@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from ...physics.effect import Parameter, load
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
-from ..fitting.templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_priors
+from ..fitting.templates import SMALL, data_changes, projected, strength, templates, varied, with_priors
 from ..noise.gain_pattern import pattern_p_value
 from ..uncertainty.model_error import distortions_of_physics
 from .processes import run_parallel
@@ -139,11 +139,10 @@ def screened(
     InputError
         As `run_parallel`.
     """
-    parts = fitter.residuals(fit, held_out=False)
-    columns = data_changes(Problem.at(fitter, fit))
+    parts, here = fitter.data.residuals(fitter.predicted(fit)), Problem.at(fitter, fit)
+    columns, residual = data_changes(here), here.whitened(parts)
     # An effect may change the priors of the nuisance parameters.
     problems = {name: Problem.at(fitter, fit, beside=name) for name in names}
-    residual = whitened(parts, fitter.weights)
     inexact = [*fitter.model.declared, *(fit.effects if fitted_too else ())]
     errors = distortions_of_physics(fitter, fit, columns, accuracy, inexact) if accuracy and inexact else None
     remainders: dict[tuple, list[Remainder]] = {}
@@ -189,7 +188,7 @@ def _pattern(fitter: Fitter, residual: np.ndarray) -> Screened:
     data = fitter.data
     pattern = data.pattern(mean, weight)
     found = data.whitened(np.where(data.usable, data.pattern_field(pattern.values), 0))
-    gain = float((weight * (2 * mean - found) * found).sum())
+    gain = float((weight * mean * found).sum())  # priors included
     return Screened(pattern_p_value(pattern.rms, pattern.error), gain)
 
 

@@ -17,16 +17,17 @@ from ...io.files import read_text, replacing, write_text
 from ..fitting.fit import Fit
 from ..fitting.linearization import Linearization, LinearizationPoint
 from ..fitting.trial import Trial
+from ..noise.gain_pattern import Pattern
 
-PATTERNS = ("pattern", "pattern_variance")
 RESIDUAL_MAPS = ("residuals before", "residuals after")  # in addition to the maps of domains
 
 
 def content_of(trial: Trial) -> dict:
     """Return a trial as JSON content."""
     fit = asdict(trial.fit)
-    for name in PATTERNS:
-        fit[name] = None if fit[name] is None else fit[name].tolist()
+    if fit["pattern"] is not None:
+        arrays = {name: values.tolist() for name, values in fit["pattern"].items() if isinstance(values, np.ndarray)}
+        fit["pattern"] |= arrays
     return {"fit": fit, "score": trial.score, "p": trial.p}
 
 
@@ -88,6 +89,7 @@ def read_trial(path: str | Path) -> tuple[Trial, str]:
         fit["linearization"] = Linearization(
             *(LinearizationPoint(**fit["linearization"][about]) for about in ("errors", "rays"))
         )
-        for name in PATTERNS:
-            fit[name] = None if fit[name] is None else np.array(fit[name])
+        if fit["pattern"] is not None:
+            arrays = {name: np.array(values) for name, values in fit["pattern"].items() if isinstance(values, list)}
+            fit["pattern"] = Pattern(**fit["pattern"] | arrays)
         return Trial(Fit(**fit), content["score"], content["p"]), content["made_of"]

@@ -64,7 +64,7 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
         As `forward_selection.choose` takes it.
     """
     problem = Problem.at(fitter, fit)
-    found = (_distortions(fitter, fit, without, accuracy), _of_steps(fitter, fit, accuracy))
+    found = (_distortions(problem, fit, without, accuracy), _of_steps(problem, fit, accuracy))
     exact = all(next(distortions, None) is None for distortions in found)
     # Derivatives of images take minutes.
     if exact and (birge_ratios(problem.residuals(problem.start), problem.weights) == 1).all():
@@ -127,8 +127,7 @@ def distortions_of_physics(
     """
     problem, here = Problem.at(fitter, fit), fitter.predicted(fit)
     parts, spread = fitter.data.residuals(here), shapes(here.mean)
-    after = whitened(parts, fitter.weights)
-    found = []
+    after, found = problem.whitened(parts), []
     for name in names:
         share = accuracy.get(name, accuracy["default"])
         if not share or load(name).kinematic or load(name).pattern:
@@ -136,7 +135,7 @@ def distortions_of_physics(
         other = fitter.of(fitter.model.undeclared(name)) if name in fitter.model.declared else fitter
         physics = {key: values for key, values in fit.physics.items() if key != name}
         there = other.model.predict(physics, fit.nuisance, fitter.data, fit.linearization)
-        change = whitened(fitter.data.residuals(there), fitter.weights) - after
+        change = problem.whitened(fitter.data.residuals(there)) - after
         if name not in fit.effects:
             aligned = columns[:, len(problem.unknowns) :]
             prior_precision = Problem.at(other, fit).prior_precision[-len(problem.nuisances) :]
@@ -146,9 +145,9 @@ def distortions_of_physics(
         for number, shape in spread.items():  # other parts of the data change only with shape 0
             found.append(np.concatenate([mean * shape.ravel(), rest if number == 0 else np.zeros_like(rest)]))
         if name in fit.effects:
-            found += [change for _, change in _of_kernels(fitter, fit, name, parts, share)]
+            found += [change for _, change in _of_kernels(problem, fit, name, parts, share)]
     if set(names) & set(fit.effects):
-        found += [change for _, change in _of_steps(fitter, fit, accuracy)]
+        found += [change for _, change in _of_steps(problem, fit, accuracy)]
     return np.stack(found, axis=1) if found else np.zeros((len(after), 0))
 
 
@@ -215,7 +214,7 @@ class ModelErrorInfluence:
         cls, problem: Problem, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float], places: np.ndarray
     ) -> ModelErrorInfluence:
         """Compute the influence for a problem at the end of a fit."""
-        fitter, changes, residuals = problem.fitter, data_changes(problem), problem.residuals(problem.start)
+        changes, residuals = data_changes(problem), problem.residuals(problem.start)
         ratios = birge_ratios(residuals, problem.weights)
         weighted, pulls = changes, {}
         if (ratios > 1).any():
@@ -225,8 +224,8 @@ class ModelErrorInfluence:
             pull = residual @ changes + problem.prior_precision * (problem.center - problem.start)
             pulls[UNEXPLAINED, 0] = residual @ (weighted - changes) + np.where(at_bound, pull, 0)
         information = weighted.T @ changes
-        pulls |= {key: weighted.T @ change for key, change in _distortions(fitter, fit, without, accuracy)}
-        own = [weighted.T @ change for _, change in _of_steps(fitter, fit, accuracy)]
+        pulls |= {key: weighted.T @ change for key, change in _distortions(problem, fit, without, accuracy)}
+        own = [weighted.T @ change for _, change in _of_steps(problem, fit, accuracy)]
         return cls(problem, fit, places, information, problem.prior_precision, pulls, own)
 
     @property
@@ -280,10 +279,10 @@ def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[st
     return errors
 
 
-def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Distortions:
+def _distortions(problem: Problem, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Distortions:
     """Yield changes of the whitened data by model errors, one standard deviation each."""
     # They are yielded one at a time, because those of a large scan do not fit into memory together.
-    data, here = fitter.data, fitter.predicted(fit)
+    fitter, data, here = problem.fitter, problem.data, problem.fitter.predicted(fit)
     after, spread = data.residuals(here), shapes(here.mean)
     for name, fitted in without.items():
         if load(name).pattern or load(name).kinematic:  # they have no model error
@@ -292,13 +291,14 @@ def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy:
         rest = [share * (part - other) for part, other in zip(data.residuals(there), after, strict=True)][1:]
         change = share * (here.mean - there.mean)
         for number, shape in spread.items():  # other parts of the data change only with shape 0
-            yield (name, number), _whole(fitter, change * shape, rest)
+            yield (name, number), _whole(problem, change * shape, rest)
             rest = [np.zeros_like(part) for part in rest]
-        yield from _of_kernels(fitter, fit, name, after, share)
+        yield from _of_kernels(problem, fit, name, after, share)
 
 
-def _of_kernels(fitter: Fitter, fit: Fit, name: str, after: Sequence[np.ndarray], share: float) -> Distortions:
+def _of_kernels(problem: Problem, fit: Fit, name: str, after: Sequence[np.ndarray], share: float) -> Distortions:
     """Yield changes by kernels of another form than assumed; `after` are the fit's residuals by part."""
+    fitter = problem.fitter
     for parameter in load(name).parameters:
         error = kernel_error(parameter, share)
         if error:
@@ -306,7 +306,7 @@ def _of_kernels(fitter: Fitter, fit: Fit, name: str, after: Sequence[np.ndarray]
             physics = fit.physics | {name: fit.physics[name] | narrower}
             there = fitter.model.predict(physics, fit.nuisance, fitter.data, fit.linearization)
             parts = [part - other for part, other in zip(fitter.data.residuals(there), after, strict=True)]
-            yield (name, parameter.name), error * whitened(parts, fitter.weights)
+            yield (name, parameter.name), error * problem.whitened(parts)
 
 
 def kernel_error(parameter: Parameter, share: float) -> float:
@@ -315,9 +315,9 @@ def kernel_error(parameter: Parameter, share: float) -> float:
     return own if parameter.kernel else 0.0
 
 
-def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:
+def _of_steps(problem: Problem, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:
     """Yield changes by non-uniform discretization errors; the size of uniform ones is fitted."""
-    share, data = accuracy.get(NUMERICAL, 0.0), fitter.data
+    share, fitter, data = accuracy.get(NUMERICAL, 0.0), problem.fitter, problem.data
     errors = fitter.model.discretization_errors(fit.linearization) if share else {}
     if not errors:
         return
@@ -327,10 +327,10 @@ def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distor
     spread |= harmonics(fitter.model.source_angles_rad, here.mean.shape)
     for name, change in errors.items():
         for key, shape in spread.items():
-            yield (name, key), _whole(fitter, share * change * shape, none)
+            yield (name, key), _whole(problem, share * change * shape, none)
 
 
-def _whole(fitter: Fitter, change: np.ndarray, rest: list[np.ndarray]) -> np.ndarray:
+def _whole(problem: Problem, change: np.ndarray, rest: list[np.ndarray]) -> np.ndarray:
     """Return a change of the mean and of the other parts of the data, whitened."""
-    mean = fitter.data.whitened(np.where(fitter.data.usable, change, 0)).ravel()
-    return whitened([mean, *rest], fitter.weights)
+    mean = problem.data.whitened(np.where(problem.data.usable, change, 0)).ravel()
+    return problem.whitened([mean, *rest])

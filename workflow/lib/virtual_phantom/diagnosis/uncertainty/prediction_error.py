@@ -21,18 +21,10 @@ def changes_by_parameter_errors(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
     recordings, less the part that the fitted parameters compensate for.
     """
     problem = Problem.at(fitter, fit)
-    fitted, held = jacobians_of_halves(problem)
+    fitted, held = problem.jacobian_at_start(), problem.jacobian_of_held_out()
     information, _ = problem.normal(fitted, problem.start, [np.zeros(rows.shape[1]) for rows in fitted])
     directions = _directions(problem, fit, information)
     return [(directions / problem.steps) @ rows for rows in held]
-
-
-def jacobians_of_halves(problem: Problem) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return the Jacobians of the fitted and of the held-out data at a problem's start, shape (numbers, data)."""
-    fitted = problem.jacobian_at_start()
-    if problem.fitter.held_out.usable is problem.data.usable:
-        return fitted, fitted
-    return fitted, problem.of_held_out().jacobian_at_start()
 
 
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:

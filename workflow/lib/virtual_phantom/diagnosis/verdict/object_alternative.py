@@ -15,7 +15,6 @@ from ..fitting.trial import Trial
 from ..projections.object_errors import words_of
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..selection.screening import screened, stands_out
-from ..uncertainty.prediction_error import jacobians_of_halves
 
 FREED = 5.0  # factor of the stated standard deviations within which errors of the object are an alternative
 MOST_NAMED = 2  # errors that are named, by their share of the change
@@ -87,7 +86,7 @@ def _freed(fitter: Fitter, fit: Fit) -> ObjectDifference:
     names = fitter.model.object_error_names
     place = problem.positions(names)
     problem.prior_precision[place] /= FREED**2
-    fitted, held = jacobians_of_halves(problem)
+    fitted, held = problem.changes_of_halves()
     residuals = fitter.residuals(fit)
     information, gradient = problem.normal(fitted, problem.start, fitter.residuals(fit, held_out=False))
     step = ScaledEigenvalues.of(information).covariance @ gradient

@@ -23,7 +23,6 @@ from ..residuals import KINDS
 from ..residuals.dataset import Change, PieceOfObject, Prepared
 from ..residuals.residual_tests import DomainTest, HalfResiduals
 from ..selection.forward_selection import Choice
-from ..uncertainty.prediction_error import jacobians_of_halves
 
 ALIKE = 1e-6  # of the largest eigenvalue of a span of unit vectors; less is rounding
 Directions = np.ndarray | sparray
@@ -80,8 +79,7 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
         Relative error of the discretization corrections, of any shape.
     """
     problem = Problem.at(prepared.fitter, fit)
-    jacobians = jacobians_of_halves(problem)
-    halves = zip(prepared.halves(fit), jacobians, strict=True)
+    halves = zip(prepared.halves(fit), problem.changes_of_halves(), strict=True)
     fitted, held = (_Side.of(half, jacobian, problem.steps) for half, jacobian in halves)
     # The amplitude of a distortion has a prior SD of 1.
     distortions = np.zeros(len(fitted.data.numerical))
@@ -92,9 +90,10 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
     # One more step completes the fit, and fits the remaining amplitudes of numerical distortions.
     step = inverse @ (fitted.columns.T @ fitted.residual + off)
     residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step
+    of_pattern = None if fit.pattern is None else fit.pattern.variance
     found, of_steps = [], numerical**2 * fit.corrected
     for words, directions, piece in _tried(prepared, fit):
-        change = _change(fitted, held, residuals, inverse, directions, fit.pattern_variance, of_steps)
+        change = _change(fitted, held, residuals, inverse, directions, of_pattern, of_steps)
         if change is not None:
             found.append(Change(words, *change, piece))
     return sorted(found, key=lambda change: change.p)
