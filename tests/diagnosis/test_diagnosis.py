@@ -160,6 +160,24 @@ def test_pixel_pattern_is_distinguished_from_noise_and_smooth_changes():
     assert estimate(noise + smooth, weight).rms < 0.002
 
 
+def test_what_a_gain_pattern_absorbs_leaves_the_minimum_of_chi_square():
+    """Chi-square of data and priors is minimized over the constants of pixels by least squares."""
+    random = np.random.default_rng(8)
+    weight = random.uniform(0.5, 2, (6, 2, 12)) / 0.02**2
+    residual = 0.02 * random.normal(size=weight.shape) + 0.05 * random.normal(size=weight.shape[1:])
+    found = estimate(residual, weight, smooth=True)
+    rows = np.sqrt(weight)[..., None, None] * np.eye(24).reshape(2, 12, 2, 12)
+    design = np.vstack(
+        [rows.reshape(-1, 24), np.eye(24) / np.sqrt(found.share / (1 - found.share) / weight.sum(0)).ravel()]
+    )
+    data = np.concatenate([(np.sqrt(weight) * residual).ravel(), np.zeros(24)])
+    best = np.linalg.lstsq(design, data, rcond=None)[0]
+    np.testing.assert_allclose(found.constants(residual, weight).ravel(), best, rtol=1e-9)
+    np.testing.assert_allclose(found.values, found.constants(residual, weight))
+    left = residual - found.absorbed(residual, weight)
+    assert (weight * left**2).sum() == pytest.approx(((data - design @ best) ** 2).sum(), rel=1e-9)
+
+
 def test_derivatives_include_the_gain_pattern(scene):
     """The pattern takes up a part of every change. Without `with_errors`, only its own error is estimated."""
     prepared_data, _ = diagnosed(scene, {}, ("scatter",))
