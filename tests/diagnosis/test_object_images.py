@@ -186,9 +186,10 @@ def test_another_scan_is_the_object(recorded, tmp_path, change, noise, moved_px,
     scan = recorded(np.roll(images("ramp", noise, 2), moved_px, axis=2), tmp_path / "high")
     clean, noisy = images("ramp", 0.0), images("ramp", LOW)
     recording = load_recording(recorded(change(clean) + noisy - clean))
-    request = with_other_scan(request_of(tmp_path, object={"scan": str(scan)}), recording)
+    stated = {"object": {"scan": str(scan)}, "location": {"x_mm": 3.0}}  # a wrong location
+    request = with_other_scan(request_of(tmp_path, **stated), recording)
     request = with_scan(request.located(locate(recording, request).location), recording)
-    assert request.settings.location.get("x_mm", 0.0) == pytest.approx(-VOXEL_MM * moved_px, abs=0.1)
+    assert request.settings.location["x_mm"] == pytest.approx(-VOXEL_MM * moved_px, abs=0.1)
     _, prepared = prepare_recording(request, recording)
     tried = ["hu_calibration", expected[0] if expected else "contrast_dependent_resolution"]
     content = find_missing_physics(

@@ -105,4 +105,6 @@ def locate(recording: ImagesRecording, request: DiagnosisRequest) -> ObjectLocat
     rest = [image - expected(image.shape, spacing[1:]), image - found.fitted]
     share = [float(np.var(part) / np.var(image)) for part in rest]
     moved = not request.settings.of_scan or share[0] > MOVED * share[1]
-    return ObjectLocated(AS_STATED, {}, (), *share, (found.location if moved else {}) | stated, mirrored, *rest)
+    # Scans that lie on each other contradict a stated displacement.
+    place = found.location if moved else {key: 0.0 for key in found.location if key in request.settings.location}
+    return ObjectLocated(AS_STATED, {}, (), *share, place | stated, mirrored, *rest)
