@@ -236,7 +236,7 @@ class Problem:
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         residuals = self._less_pattern(self.data.residuals(prediction))
         index = self.positions(("scale", "offset", *self.model.object_error_names))
-        changes = (self.data.whitened(np.where(self.data.usable, column, 0)).ravel() for column in prediction.design)
+        changes = (self.data.whitened(column).ravel() for column in prediction.design)
         changes = (*changes, *self.model.object_changes(self.data))
         design, weight = np.stack([self._beside_pattern([change])[0] for change in changes]), self.weights[0]
         weighted = design * weight
@@ -367,5 +367,5 @@ def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Obse
     """Subtract a gain pattern, if there is one, from the mean's residuals."""
     if pattern is None:
         return parts
-    mean = parts[0].reshape(data.mean.shape) - data.whitened(np.where(data.usable, data.pattern_field(pattern), 0))
+    mean = parts[0].reshape(data.mean.shape) - data.whitened(data.pattern_field(pattern))
     return [mean.ravel(), *parts[1:]]

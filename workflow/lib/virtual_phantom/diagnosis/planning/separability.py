@@ -68,7 +68,7 @@ def _gain_pattern_template(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
         fitter.model.chain.state(physics, photons=photons, anode=fitter.model.anode).line_integrals()
         for physics in (fit.physics, fit.physics | {name: effect.values({})})
     )
-    mean = data.whitened(np.where(data.usable, with_it - without, 0)).ravel()
+    mean = data.whitened(with_it - without).ravel()
     rest = data.residuals(fitter.predicted(fit))[1:]
     return whitened([mean, *(np.zeros_like(part) for part in rest)], fitter.weights)
 

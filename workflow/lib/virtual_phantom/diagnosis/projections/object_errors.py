@@ -167,7 +167,7 @@ class ObjectErrors:
         """Return the whitened changes, shape (numbers, data)."""
 
         def make() -> tuple[Observed, np.ndarray]:  # the key is valid while the data are in the cache
-            columns = [data.whitened(np.where(data.usable, change, 0)).ravel() for change in self.changes]
+            columns = [data.whitened(change).ravel() for change in self.changes]
             return data, np.stack(columns) if columns else np.zeros((0, data.mean.size))
 
         return self._kept.get(id(data), make)[1]

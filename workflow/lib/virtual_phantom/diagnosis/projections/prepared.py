@@ -327,7 +327,7 @@ def _whitened(data: ObservedScans, correlations: Correlations, clean: np.ndarray
     if correlations.white:
         return replace(data, numerical=tuple(numerical))
     data = replace(data, whitening=Whitening(correlations, clean, data.usable))
-    return replace(data, numerical=tuple(data.whitened(np.where(data.usable, error, 0)) for error in numerical))
+    return replace(data, numerical=tuple(map(data.whitened, numerical)))
 
 
 def _weighed(variance: np.ndarray, data: ObservedScans, clean: np.ndarray) -> np.ndarray:

@@ -188,7 +188,7 @@ def _pattern(fitter: Fitter, residual: np.ndarray) -> Screened:
     mean, weight = residual.reshape(shape), fitter.weights[0].reshape(shape)
     data = fitter.data
     pattern = data.pattern(mean, weight)
-    found = data.whitened(np.where(data.usable, data.pattern_field(pattern.values), 0))
+    found = data.whitened(data.pattern_field(pattern.values))
     gain = float((weight * (2 * mean - found) * found).sum())
     return Screened(pattern_p_value(pattern.rms, pattern.error), gain)
 

@@ -332,5 +332,4 @@ def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distor
 
 def _whole(fitter: Fitter, change: np.ndarray, rest: list[np.ndarray]) -> np.ndarray:
     """Return a change of the mean and of the other parts of the data, whitened."""
-    mean = fitter.data.whitened(np.where(fitter.data.usable, change, 0)).ravel()
-    return whitened([mean, *rest], fitter.weights)
+    return whitened([fitter.data.whitened(change).ravel(), *rest], fitter.weights)

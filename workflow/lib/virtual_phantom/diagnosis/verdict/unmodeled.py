@@ -67,8 +67,7 @@ class _Side:
         if issparse(directions):  # directions of single views, which whitening would spread to other views
             return directions.multiply(root).tocsr()
         fields = (direction.reshape(self.data.mean.shape) for direction in directions.T)
-        white = [self.data.whitened(np.where(self.data.usable, field, 0)).ravel() for field in fields]
-        return np.stack(white, axis=1) * root
+        return np.stack([self.data.whitened(field).ravel() for field in fields], axis=1) * root
 
 
 def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change]:
