@@ -199,21 +199,12 @@ class Model(ABC):
         """Return {nuisance parameter: change of the mean by finer discretization}; empty if there is none."""
         return {}
 
-    @property
-    def object_error_names(self) -> tuple[str, ...]:
-        """Names of the nuisance parameters that are errors of the stated object."""
-        return self.object_errors.names
-
     def with_exact_object(self) -> Model:
         """Return the model without errors of the stated object."""
-        found, names = copy.copy(self), self.object_error_names
+        found, names = copy.copy(self), self.object_errors.names
         found.object_errors = self.object_errors.of_edges()
         found.base_nuisances = tuple(number for number in self.base_nuisances if number.name not in names)
         return found
-
-    def object_changes(self, data: Observed) -> np.ndarray:
-        """Return the whitened changes of the mean per unit of `object_error_names`, shape (numbers, data)."""
-        return self.object_errors.whitened(data)
 
     @property
     def source_angles_rad(self) -> np.ndarray | None:

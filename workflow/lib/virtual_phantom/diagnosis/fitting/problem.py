@@ -235,9 +235,9 @@ class Problem:
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         residuals = self._less_pattern(self.data.residuals(prediction))
-        index = self.positions(("scale", "offset", *self.model.object_error_names))
+        index = self.positions(("scale", "offset", *self.model.object_errors.names))
         changes = (self.data.whitened(column).ravel() for column in prediction.design)
-        changes = (*changes, *self.model.object_changes(self.data))
+        changes = (*changes, *self.model.object_errors.whitened(self.data))
         design, weight = np.stack([self._beside_pattern([change])[0] for change in changes]), self.weights[0]
         weighted = design * weight
         information = weighted @ design.T + np.diag(self.prior_precision[index])
@@ -332,8 +332,8 @@ class Problem:
 
     def derivative(self, index: int, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray]:
         """Return the change of predictions per unit of one number, by part, as a one-sided difference."""
-        if (name := self._name(index)) in self.model.object_error_names:
-            change = self.model.object_changes(self.data)[self.model.object_error_names.index(name)]
+        if (name := self._name(index)) in self.model.object_errors.names:
+            change = self.model.object_errors.whitened(self.data)[self.model.object_errors.names.index(name)]
             return self._beside_pattern([change, *(np.zeros_like(part) for part in residuals[1:])])
         step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
         moved = point.copy()

@@ -182,7 +182,7 @@ class FurtherScan:
     def _aligned(self, model: ScansModel, fit: Fit) -> tuple[Nuisance, ...]:
         found = []
         for number in model.base_nuisances:
-            if number.name in (*model.distortions, *model.object_error_names):
+            if number.name in (*model.distortions, *model.object_errors.names):
                 continue  # more rays and smaller voxels make them small; errors of the object are those of this scan
             expected = number.expected
             if number.name == "log_photons":

@@ -26,7 +26,7 @@ def object_alternatives(fitter: Fitter, choice: Choice) -> dict[str, dict]:
     Errors may be FREED times as large as stated. Gains are of first order.
     """
     found = {}
-    if not fitter.model.object_error_names:
+    if not fitter.model.object_errors.names:
         return found
     for effect, fit in choice.without.items():
         gain, errors, what = _freed(fitter, fit)
@@ -42,7 +42,7 @@ def imitating_effects(fitter: Fitter, baseline: Trial, effects: Sequence[str]) -
     The result is empty if the data do not need errors of the object.
     """
     model = fitter.model
-    if not model.object_error_names:
+    if not model.object_errors.names:
         return {}
     exact = fitter.of(model.with_exact_object())
     fit = exact.fit(())
@@ -56,8 +56,8 @@ def imitating_effects(fitter: Fitter, baseline: Trial, effects: Sequence[str]) -
         for name, found in alike.items()
         if stands_out(found, len(alike), 2 * LEAST_GAIN) and found.gain / 2 > gain - AS_GOOD
     ]
-    errors = {name: baseline.fit.nuisance[name] for name in model.object_error_names}
-    sizes = np.linalg.norm(model.object_changes(fitter.data) * np.sqrt(fitter.weights[0]), axis=1)
+    errors = {name: baseline.fit.nuisance[name] for name in model.object_errors.names}
+    sizes = np.linalg.norm(model.object_errors.whitened(fitter.data) * np.sqrt(fitter.weights[0]), axis=1)
     return {"what": _words(errors, sizes), "gain": gain, "errors": errors, "imitated_by": names}
 
 
@@ -67,7 +67,7 @@ def _freed(fitter: Fitter, fit: Fit) -> tuple[float, dict[str, float], str]:
     It is given by its gain in held-out log score, the errors of the object by name, and the largest ones in words.
     """
     problem = Problem.at(fitter, fit)
-    names = fitter.model.object_error_names
+    names = fitter.model.object_errors.names
     place = problem.positions(names)
     problem.prior_precision[place] /= FREED**2
     fitted, held = jacobians_of_halves(problem)
