@@ -68,8 +68,8 @@ class FurtherScan:
         Photons per pixel and view, relative to the existing scan.
     known : mapping of str to float
         Standard deviations of the alignment that differ from those of the existing scan.
-    scan, nominal : mapping
-        Entries that differ in recording.yaml.
+    scan : mapping
+        Entries of section `scan` of recording.yaml that differ.
     section : mapping or None
         Section diagnosis.recordings.<name> of the configuration; None: as for the existing recording.
     """
@@ -81,7 +81,6 @@ class FurtherScan:
     photons: float = 1.0
     known: Mapping[str, float] = field(default_factory=dict)
     scan: Mapping = field(default_factory=dict)
-    nominal: Mapping = field(default_factory=dict)
     section: Mapping | None = None
 
     def chain(self, like: Chain) -> Chain:
@@ -211,7 +210,6 @@ class DarkFrames:
     words: str
     section: Mapping | None = None
     scan: Mapping = field(default_factory=dict)
-    nominal: Mapping = field(default_factory=dict)
 
     def information(self, model: ScansModel, fit: Fit, *_, **__) -> MeasurementInformation:
         """Return the information about dark signal, its drift and electronic noise.
