@@ -23,7 +23,7 @@ from ..projections.own_simulation import scene_of_scan
 from ..request import DiagnosisRequest
 from ..verdict.verdict import Diagnosis
 from ..verdict_text import SETUP_VERDICTS, setup_lines, with_verdict_text
-from .data_checks import copied_repeats, outlying_repeats, wrong_illumination
+from .data_checks import copied_repeats, outlying_repeat, wrong_illumination
 from .finding import AS_STATED, DESCRIPTION, MOST, Finding, SetupResult, find
 from .located import locate
 from .mismatch import Comparison
@@ -94,12 +94,10 @@ def _mistakes_of_data(recording: ProjectionsRecording, taken: Scans) -> dict[str
     mistakes = {}
     for first, second in copied_repeats(taken.repeats):
         mistakes["copied repeat"] = f"repeats: remove {names[second]}, which is a copy of {names[first]}"
-    if not mistakes:
-        for which, _ in outlying_repeats(taken.repeats, taken.usable):
-            mistakes["a repeat of another scan"] = f"repeats: remove {names[which]}, or compare it with the others"
-    lit = wrong_illumination(taken.white, recording.geometry, recording.scan)
-    if lit is not None:
-        mistakes["illumination"] = f"scan.illumination: {lit[0]} (from the shape of the white field)"
+    if not mistakes and (which := outlying_repeat(taken.repeats, taken.usable)) is not None:
+        mistakes["a repeat of another scan"] = f"repeats: remove {names[which]}, or compare it with the others"
+    if lit := wrong_illumination(taken.white, recording.geometry, recording.scan):
+        mistakes["illumination"] = f"scan.illumination: {lit} (from the shape of the white field)"
     return mistakes
 
 
