@@ -111,7 +111,7 @@ def alone(
     chosen : JointFit
         Fit of the recordings that are not judged.
     scans : mapping of str to ModelErrorInfluence
-        Result of pulled_of_recordings for all recordings.
+        Result of model_error.influences_of_recordings for all recordings.
     judged : collection of str, optional
         Test recordings; the other recordings are not compared with them.
     """

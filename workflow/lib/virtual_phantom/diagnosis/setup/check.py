@@ -124,7 +124,7 @@ def setup_diagnosis(found: SetupResult, recording: Recording, request: Diagnosis
 
 
 def write_setup(content: Mapping, path: str | Path) -> None:
-    """Write SetupCheck.content, or NOT_CHECKED."""
+    """Write SetupResult.content, or NOT_CHECKED."""
     write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
 
 

@@ -86,7 +86,7 @@ class SetupResult(ABC):
     share_stated: float
     share: float
     of: ClassVar[str]
-    location = MappingProxyType({})  # see Finding.location; a field of SetupCheck only
+    location = MappingProxyType({})  # see Finding.location; a field of subclasses whose check locates the object
 
     @property
     def content(self) -> dict:
@@ -112,10 +112,10 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
     The object is fitted at its stated location within the tolerance of the alignment, then in the whole field of view.
     That search starts from the centroids of the views. A grid of locations is tried before another object is reported.
     """
-    found = _found(comparison, scan, log, largest)
+    given = list(descriptions(scan, log, largest))
+    found, stated = _found(comparison, given), given[0]
     if found.kind in (AS_STATED, DESCRIPTION) and min(found.best.share, found.share) <= MISTAKEN:
         return found
-    stated = next(descriptions(scan, log, largest))
     if found.kind == EMPTY_BEAM and comparison.attenuated(stated) < EMPTY:
         return found
     for by_grid in (False, True):
@@ -127,7 +127,7 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
             first = anywhere.mismatch(stated)
             if not (comparison.beyond_reach(first) and _explains(first, found.best)):
                 break
-        other = _found(anywhere, scan, log, largest)
+        other = _found(anywhere, given)
         if other.kind not in (OBJECT, EMPTY_BEAM) and (no_match or _explains(other.best, found.best)):
             found = replace(other, stated=found.stated) if other.kind == DESCRIPTION else other
             if other.kind == AS_STATED and comparison.beyond_reach(other.best):
@@ -150,9 +150,9 @@ def _explains(other: SetupMismatch, found: SetupMismatch) -> bool:
     return other.share < (1 - REMOVED) * found.share and found.worse_than(other) > LIKELIER
 
 
-def _found(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
-    """Return the finding for the locations that a comparison allows."""
-    stated, *others = descriptions(scan, log, largest)
+def _found(comparison: Comparison, given: Sequence[Description]) -> Finding:
+    """Return the finding for the locations that a comparison allows; the first description is the stated one."""
+    stated, *others = given
     first = comparison.mismatch(stated)
     tried = list(_in_place(comparison, others, first))
     oriented = [mismatch.description for mismatch in (first, *tried) if mismatch.description.oriented]
