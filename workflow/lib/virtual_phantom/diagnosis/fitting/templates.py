@@ -22,11 +22,12 @@ def whitened(parts: list[np.ndarray], weights: list[np.ndarray]) -> np.ndarray:
 
 def data_changes(problem: Problem) -> np.ndarray:
     """Return the change of the whitened data per unit of every number, shape (data, numbers)."""
-    jacobian = problem.jacobian_at_start()
-    columns = [
-        whitened([rows[index] for rows in jacobian], problem.weights) / step for index, step in enumerate(problem.steps)
-    ]
-    return np.stack(columns, axis=1)
+    return np.stack(whitened_columns(problem.jacobian_at_start(), problem.weights, problem.steps), axis=1)
+
+
+def whitened_columns(jacobian: list[np.ndarray], weights: list[np.ndarray], steps: np.ndarray) -> list[np.ndarray]:
+    """Return the change of the whitened data per unit of every number, from a Jacobian per step."""
+    return [whitened([rows[index] for rows in jacobian], weights) / step for index, step in enumerate(steps)]
 
 
 def with_priors(columns: np.ndarray, problem: Problem) -> np.ndarray:
