@@ -140,7 +140,7 @@ def choose(
     screen = partial(screened, fitter, processes=processes, progress=progress)
     fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, kept=kept), screen)
     fits.alone = fits.filters(baseline.fit, fits.others(())) if alone is None else alone
-    return ForwardSelection(fits, accuracy).run()
+    return ForwardSelection(fits).run()
 
 
 class ForwardSelection:
@@ -161,8 +161,8 @@ class ForwardSelection:
         {effect: gain in log score when it was accepted}.
     """
 
-    def __init__(self, fits: CandidateFits, accuracy: Mapping[str, float]):
-        self.fits, self.accuracy, self.current = fits, accuracy, fits.baseline
+    def __init__(self, fits: CandidateFits):
+        self.fits, self.accuracy, self.current = fits, fits.accuracy, fits.baseline
         self.worth: dict[str, float] = {}
         self.unconfounded: set[str] = set()
 

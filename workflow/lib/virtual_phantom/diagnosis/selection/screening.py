@@ -184,9 +184,8 @@ def _of_mean(fitter: Fitter, left: Remainder) -> np.ndarray:
 
 def _pattern(fitter: Fitter, residual: np.ndarray) -> Screened:
     """Return the result for a gain pattern, which is estimated directly from the mean's residual."""
-    shape = fitter.data.mean.shape
-    mean, weight = residual.reshape(shape), fitter.weights[0].reshape(shape)
     data = fitter.data
+    mean, weight = (values.reshape(data.mean.shape) for values in (residual, fitter.weights[0]))
     pattern = data.pattern(mean, weight)
     found = data.whitened(data.pattern_field(pattern.values))
     gain = float((weight * (2 * mean - found) * found).sum())
