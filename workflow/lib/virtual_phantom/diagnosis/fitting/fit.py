@@ -79,18 +79,14 @@ class Fit:
             By part of the data.
         """
         model, count = problem.model, len(problem.unknowns)
-        physics = {name: model.known(name) for name in problem.all_effects}
+        physics, nuisance = problem.named(point)
         spread: dict[str, dict[str, float]] = {name: {} for name in problem.all_effects}
-        for index, (unknown, number) in enumerate(zip(problem.unknowns, point, strict=False)):
-            physics[unknown.effect][unknown.name] = float(unknown.value(number))
-            if errors is not None:
-                spread[unknown.effect][unknown.name] = float(unknown.value_error(number, errors[index]))
+        for unknown, number, error in zip(problem.unknowns, point, () if errors is None else errors, strict=False):
+            spread[unknown.effect][unknown.name] = float(unknown.value_error(number, error))
         estimated = problem.estimated
         for name in problem.effects:
             if load(name).pattern:
                 physics[name]["rms"], spread[name]["rms"] = estimated.rms, estimated.error
-        aligned = list(zip(problem.nuisances, point[count:], strict=True))
-        nuisance = {number.name: float(value) for number, value in aligned}
         ends = () if errors is None else map(float, errors[count:])
         corrected = np.ravel(model.distortion(nuisance, problem.linearization)) ** 2
         return cls(
@@ -103,7 +99,11 @@ class Fit:
             parts=tuple(float((w * r**2).sum()) for w, r in zip(problem.weights, residuals, strict=True)),
             free=count + problem.patterned,
             elsewhere={name: list(model.fixed[name]) for name in problem.all_effects if name in model.fixed},
-            pulled={number.name: float(number.off(value)) for number, value in aligned if np.isfinite(number.sd)},
+            pulled={
+                number.name: float(number.off(nuisance[number.name]))
+                for number in problem.nuisances
+                if np.isfinite(number.sd)
+            },
             linearization=problem.linearization,
             corrected=float((problem.weights[0] * corrected).sum()),
             pattern=problem.pattern,

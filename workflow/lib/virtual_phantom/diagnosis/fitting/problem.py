@@ -185,7 +185,7 @@ class Problem:
         """Recompute numerical errors if a point is too far from where they were computed; return True if so."""
         if self.linearized == MOST_LINEARISATIONS:
             return False
-        physics, nuisance = self._named(point)
+        physics, nuisance = self.named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         if not self.model.needs_relinearization(self.linearization.errors, nuisance, prediction, self.weights[0]):
             return False
@@ -195,7 +195,7 @@ class Problem:
 
     def follow(self, point: np.ndarray) -> bool:
         """Trace the rays of a point if they are out of the linear range; return True if so."""
-        physics, nuisance = self._named(point)
+        physics, nuisance = self.named(point)
         if self.model.in_linear_range(physics, nuisance, self.linearization.rays):
             return False
         self.linearization = replace(self.linearization, rays=LinearizationPoint.of(physics, nuisance))
@@ -203,7 +203,7 @@ class Problem:
 
     def residuals(self, point: np.ndarray, reach: float = 1.0) -> list[np.ndarray]:
         """Return observed data minus prediction and gain pattern, by part, shape (data,), with whitened noise."""
-        prediction = self.model.predict(*self._named(point), self.data, replace(self.linearization, reach=reach))
+        prediction = self.model.predict(*self.named(point), self.data, replace(self.linearization, reach=reach))
         return self._less_pattern(self.data.residuals(prediction))
 
     def _less_pattern(self, parts: list[np.ndarray]) -> list[np.ndarray]:
@@ -218,7 +218,7 @@ class Problem:
             return parts
         return less_pattern(parts, self.estimated.of(parts[0].reshape(self.data.mean.shape)), self.data)
 
-    def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
+    def named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Return a point as parameters by effect, and nuisance parameters by name."""
         physics = {name: self.model.known(name) for name in self.all_effects}
         for unknown, number in zip(self.unknowns, point, strict=False):
@@ -232,7 +232,7 @@ class Problem:
         Predictions are linear in these, and they compensate for part of most effects. Without this step, fits converge
         slowly along narrow, curved valleys.
         """
-        physics, nuisance = self._named(point)
+        physics, nuisance = self.named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         residuals = self._less_pattern(self.data.residuals(prediction))
         index = self.positions(("scale", "offset", *self.model.object_errors.names))

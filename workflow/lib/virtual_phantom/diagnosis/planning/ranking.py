@@ -13,7 +13,6 @@ from ...physics.effect import load, scan_effects
 from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFitter
 from ..fitting.model import Model
-from ..fitting.problem import Problem
 from ..fitting.templates import SMALL, templates, varied
 from ..projections.prepared import BY_VIEW, PreparedScans
 from ..selection.forward_selection import AS_GOOD, without_effect
@@ -290,7 +289,7 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
     beside = scan.information(model, with_weak, conditions, again=True)
     keys = [("template", *key) if key[0] in weak else key for key in beside.keys]
     problem, rows = scan.problem(model, replace(fit, effects=()), conditions, again=True), []
-    point = replace(fit, nuisance=_named(problem), linearization=problem.linearization)
+    point = replace(fit, nuisance=problem.named(problem.start)[1], linearization=problem.linearization)
     for name in (name for name in names if name not in weak and name not in fit.physics):
         made = templates(problem.fitter, point, name)
         rows.append(made)
@@ -306,12 +305,6 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
         np.vstack([beside.margins, np.tile([-np.inf, np.inf], (more, 1))]),
         np.concatenate([beside.steps, none]),
     )
-
-
-def _named(problem: Problem) -> dict[str, float]:
-    """Return the alignment at the start of a problem, by name."""
-    values = problem.start[len(problem.unknowns) :]
-    return {number.name: float(value) for number, value in zip(problem.nuisances, values, strict=True)}
 
 
 def settles(ranked: RankedMeasurement) -> bool:
