@@ -89,7 +89,7 @@ class PreparedScans(Prepared):
         uncertain = None if fitted is None else changes_by_parameter_errors(self.fitter, fit)
         return domain_tests(half, fit.pattern_variance, fitted, more, uncertain, self.step)
 
-    def share_at_edges(self, fit: Fit) -> float | None:
+    def share_at_edges(self, fit: Fit) -> float:
         """See Prepared.share_at_edges."""
         return excess_at_edges(self.half(fit, held_out=True))
 

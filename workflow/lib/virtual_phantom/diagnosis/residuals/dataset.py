@@ -180,9 +180,9 @@ class Prepared(ABC):
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
         """Return recorded minus modeled data in the unit of `display`, one-dimensional."""
 
-    def share_at_edges(self, fit: Fit) -> float | None:
-        """Return the share of chi-square beyond noise at the steepest data; None if nothing exceeds noise."""
-        return None
+    def share_at_edges(self, fit: Fit) -> float:
+        """Return the share of chi-square beyond noise at the steepest data; 0 if nothing exceeds noise."""
+        return 0.0
 
     def with_noise_of(self, fit: Fit) -> Prepared:
         """Return the recording with the noise correlations of a fit, if the recording does not determine them."""

@@ -58,7 +58,8 @@ def caveats(
         )
     if tube_kvp is not None:
         found += [load(name).if_absent.format(tube_kvp=tube_kvp) for name in choice.alone if _is_absent(name, choice)]
-    if prepared.voxels and EDGES in [place.domain for place in left] and _along_edges(prepared, choice):
+    at_edges = prepared.voxels and EDGES in [place.domain for place in left]
+    if at_edges and prepared.share_at_edges(choice.chosen.fit) >= ALONG_EDGES:
         found.append(
             f"The remaining mismatch lies along edges, {prepared.voxels} would show whether anything else remains "
             "(docs/how-to/objects.md)."
@@ -79,11 +80,6 @@ def likeness(prepared: Prepared, choice: Choice) -> float:
     if reliability < SURE * sqrt(2 / recorded.size):
         return 1.0
     return min(float(np.corrcoef(recorded, modeled)[0, 1]) / sqrt(reliability), 1.0)
-
-
-def _along_edges(prepared: Prepared, choice: Choice) -> bool:
-    share = prepared.share_at_edges(choice.chosen.fit)
-    return share is not None and share >= ALONG_EDGES
 
 
 def _is_absent(name: str, choice: Choice) -> bool:
