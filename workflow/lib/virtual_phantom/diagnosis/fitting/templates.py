@@ -38,11 +38,6 @@ def with_priors(columns: np.ndarray, problem: Problem) -> np.ndarray:
     return np.vstack([columns, np.diag(np.sqrt(problem.prior_precision))])
 
 
-def changes(problem: Problem) -> np.ndarray:
-    """Return `data_changes` with the priors appended."""
-    return with_priors(data_changes(problem), problem)
-
-
 def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
     """Return whitened data orthogonal to a basis, shape (rows, data + numbers)."""
     known = basis.shape[0] - rows.shape[1]
