@@ -53,13 +53,6 @@ DISPLAY = ResidualMaps(
 
 
 @dataclass(frozen=True)
-class PieceOfScan(PieceOfObject):
-    """A piece of the object, with its shape."""
-
-    piece: Piece
-
-
-@dataclass(frozen=True)
 class PreparedScans(Prepared):
     """Projections prepared for fits.
 
@@ -99,13 +92,13 @@ class PreparedScans(Prepared):
         lines = self.fitter.predicted(fit).mean
         return kinds(lines, model.source_angles_rad, self.usable, self.held_out_text != BY_VIEW)
 
-    def piece(self, fit: Fit) -> PieceOfScan | None:
+    def piece(self, fit: Fit) -> PieceOfObject | None:
         """See Prepared.piece."""
         left = self._left(fit)
         piece = best_piece(left)
         return None if piece is None else self._of_object(piece, left)
 
-    def with_piece(self, piece: PieceOfScan, fit: Fit) -> PreparedScans:
+    def with_piece(self, piece: PieceOfObject, fit: Fit) -> PreparedScans:
         """See Prepared.with_piece."""
         name, moved = f"{PIECE}{len(self.fitter.model.pieces) + 1}", piece.piece
         best, least = self, np.inf
@@ -127,7 +120,7 @@ class PreparedScans(Prepared):
             moved = refined_piece(moved, replace(left, residual=left.residual + fitted)) or moved
         return best
 
-    def pieces(self, fit: Fit) -> list[PieceOfScan]:
+    def pieces(self, fit: Fit) -> list[PieceOfObject]:
         """See Prepared.pieces."""
         left, pieces = self._left(fit), self.fitter.model.pieces.items()
         fitted = [replace(inclusion.key, more_per_mm=fit.nuisance[name]) for name, inclusion in pieces]
@@ -148,10 +141,10 @@ class PreparedScans(Prepared):
         moved = pose_of(fit.nuisance), chain.samples, middle_of_spot, predicted.state.motion_mm
         return FitResidual(self.data.as_recorded(residual), weight, chain.geometry, reach_mm, *moved)
 
-    def _of_object(self, piece: Piece, left: FitResidual) -> PieceOfScan:
+    def _of_object(self, piece: Piece, left: FitResidual) -> PieceOfObject:
         energy_kev = self.fitter.model.chain.scene.energy_kev
         lengths = left.lengths_mm(piece).reshape(-1, 1)
-        return PieceOfScan(piece.words(energy_kev), piece.content(energy_kev), lengths, piece)
+        return PieceOfObject(piece.words(energy_kev), piece.content(energy_kev), lengths, piece)
 
     def recorded(self, held_out: bool = False) -> np.ndarray:
         """See Prepared.recorded."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import sparray
@@ -52,11 +52,14 @@ class PieceOfObject:
     ----------
     directions : ndarray, shape (mean data, 1)
         Path lengths in the piece, mm.
+    piece : projections.local_mismatch.Piece
+        Its shape.
     """
 
     words: str
     content: Mapping
     directions: np.ndarray
+    piece: Any
 
 
 @dataclass(frozen=True)
