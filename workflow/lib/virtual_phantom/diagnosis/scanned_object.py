@@ -138,7 +138,7 @@ def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: Segment
     Each voxel is the mean of eight. A side with an odd number of voxels gets one more plane of air, and the grid keeps
     its place.
 
-    Arguments are those of DiagnosisRequest.
+    Arguments are as in DiagnosisRequest.
     """
     volume = volumes.read_nifti(phantom)
     odd = [n % 2 for n in volume.grid.shape]

@@ -69,8 +69,8 @@ def image_changes(
     features : Features, optional
         None: features are not compared.
     paired : bool, optional
-        Whether both sets have the same noise. Errors then come from the spread of their differences; those of
-        percentages are 0.
+        Whether both sets have the same noise. Errors then come from the spread of their differences; errors
+        of percentages are 0.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def agreement_and_changes(
     images : callable
         Simulated images of a fit, all with the same noise.
     noise : ndarray, shape (repeats, z, y, x), or None
-        Simulated images with independent noise, for its correlation; None: those of the chosen fit are used.
+        Simulated images with independent noise, for its correlation; None: images of the chosen fit are used.
     with_changes : bool
         Whether `practice` is part of the result (`changes_by_effect`).
 

@@ -26,7 +26,7 @@ STEP, ALIGNMENT_STEP = 2e-3, 4e-3
 # tenths of their effect. With steps eight times as large, derivatives had errors of 3 to 5 %, and fits of source
 # distances ended 3 to 24 above the minimum of chi-square.
 MOVING_STEPS = {GEOMETRY: 2.5e-4, MOTION: 2.5e-4, FOCAL_SPOT: 2e-3}
-# Factor of the linear range for these derivatives and those of the pose, so that all use the same traced rays. A blur
+# Factor of the linear range for derivatives by these and by the pose, so that all use the same traced rays. A blur
 # has no derivative of first order, so the range of its rays is not extended.
 SLOPE_REACH = 2.0
 UNKNOWN_STEP = 1e-3  # of a nuisance parameter without prior knowledge
@@ -207,7 +207,7 @@ class Problem:
         return self._less_pattern(self.data.residuals(prediction))
 
     def _less_pattern(self, parts: list[np.ndarray]) -> list[np.ndarray]:
-        """Subtract the gain pattern: that of these residuals, with the shrinkage that was estimated last."""
+        """Subtract the gain pattern of these residuals, with the shrinkage that was estimated last."""
         if self.estimated is None:
             return less_pattern(parts, self.pattern, self.data)
         return self._beside_pattern(parts)

@@ -33,7 +33,7 @@ CUBIC = 3  # order of splines, which blur less than linear interpolation
 def with_other_scan(request: DiagnosisRequest, recording: ImagesRecording) -> DiagnosisRequest:
     """Return the request with the other scan at the slices of the recording; itself if the object is no scan.
 
-    The scan keeps its own pixels. Heights are those of the files.
+    The scan keeps its own pixels. Heights are read from the files.
 
     Raises
     ------

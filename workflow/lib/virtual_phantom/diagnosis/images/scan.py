@@ -163,7 +163,7 @@ def scan_of_images(recording: ImagesRecording, request: DiagnosisRequest) -> Ima
 
 
 def _sharp(pitch_mm: float) -> FbpSettings:
-    """Return a reconstruction without more blur than that of detector pixels with this distance at the isocenter."""
+    """Return a reconstruction that blurs no more than detector pixels with this distance at the isocenter."""
     nyquist_per_cm = 10 / (2 * pitch_mm)
     return FbpSettings("coverage", KernelSettings(MTF50 * nyquist_per_cm, MTF10 * nyquist_per_cm))
 

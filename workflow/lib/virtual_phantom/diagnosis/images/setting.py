@@ -258,7 +258,7 @@ def slices_as_repeats(stacks: np.ndarray) -> np.ndarray:
 def correlated_variance(stacks: np.ndarray, valid: np.ndarray) -> float:
     """Return the variance of a mean of slices, times their number, over the mean sample variance of the slices.
 
-    Noise of neighboring slices is correlated, so their mean has more noise than that of independent slices, and their
+    Noise of neighboring slices is correlated, so their mean has more noise than with independent slices, and their
     sample variance is too small. The correlation is estimated from differences of slices (a variogram), and of
     neighboring voxels, so that slow changes of the object have no influence.
 
@@ -287,7 +287,7 @@ def correlated_variance(stacks: np.ndarray, valid: np.ndarray) -> float:
 def slice_correlations(stacks: np.ndarray, valid: np.ndarray, least: float) -> list[float]:
     """Return correlations of the noise of slices by their distance, from 1, up to the first below `least`.
 
-    Other arguments are those of correlated_variance.
+    Other arguments are as in correlated_variance.
     """
     return _correlations(*_variogram(stacks, valid)[1:], least)
 

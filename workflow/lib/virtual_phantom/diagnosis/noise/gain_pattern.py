@@ -64,7 +64,7 @@ def estimate(
     `sums` returns the sums over the data that share a constant.
 
     The constants are modeled as independent normal values, whose variance is the mean square of their rough part less
-    that of noise. A smooth part that is larger than expected of such values is other physics (the shadow of a disc is
+    noise. A smooth part that is larger than expected of such values is other physics (the shadow of a disc is
     equal in all views), and not part of the pattern.
     """
     total = sums(weight)

@@ -28,7 +28,7 @@ MOST_RAYS, LEAST_VIEWS = 1.5e4, 24
 # Steps of derivatives: object displacement in pixels, and largest share of a parameter's range. With a tenth of a pixel
 # or more, detector offset and center of rotation of a centered disc, which are equivalent, had a correlation of 0.98.
 MOVED, STEP = 1 / 60, 0.02
-LEAST_STEP = 0.03  # least step relative to that of a fit, for scans in which a displacement has no effect; a choice
+LEAST_STEP = 0.03  # least step relative to the step of a fit, for scans in which a displacement has no effect; a choice
 # Uncertainty of the dark signal from dark frames before and after a scan, relative to the signal in air; a choice.
 DARK_SD = 1e-5
 ROUNDING = 1 / 12  # variance of a reading in whole units
@@ -67,7 +67,7 @@ class FurtherScan:
     photons : float
         Photons per pixel and view, relative to the existing scan.
     known : mapping of str to float
-        Standard deviations of the alignment that differ from those of the existing scan.
+        Standard deviations of the alignment, where they differ from the existing scan.
     scan : mapping
         Entries of section `scan` of recording.yaml that differ.
     section : mapping or None
@@ -182,7 +182,7 @@ class FurtherScan:
         found = []
         for number in model.base_nuisances:
             if number.name in (*model.distortions, *model.object_errors.names):
-                continue  # more rays and smaller voxels make them small; errors of the object are those of this scan
+                continue  # more rays and smaller voxels make them small; this scan has its own errors of the object
             expected = number.expected
             if number.name == "log_photons":
                 expected = fit.nuisance[number.name] + np.log(self.photons)
@@ -192,7 +192,7 @@ class FurtherScan:
         return tuple(found)
 
     def _object_errors(self, model: ScansModel, chain: Chain, aligned: Sequence[Nuisance]) -> ObjectErrors:
-        """Return the errors of the scanned object; those of the existing recording's object are shared with it."""
+        """Return the errors of the scanned object; scans of the existing recording's object share its errors."""
         stated = model.object_errors.stated
         if stated is None:  # it is known exactly
             return ObjectErrors()
@@ -214,7 +214,7 @@ class DarkFrames:
     def information(self, model: ScansModel, fit: Fit, *_, **__) -> MeasurementInformation:
         """Return the information about dark signal, its drift and electronic noise.
 
-        The arguments are those of FurtherScan.information; only the first two are used.
+        The arguments are as in FurtherScan.information; only the first two are used.
         """
         unknowns = model.unknowns(model.with_declared_effects(fit.effects))
         geometry = model.chain.geometry

@@ -87,7 +87,7 @@ class Numerical:
         return tuple(LEFT[name] * error for name, error in self.at(linearization).items())
 
     def needs_relinearization(self, linearization: LinearizationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
-        """Return whether line integrals differ too much from those of a linearization point.
+        """Return whether line integrals differ too much from their values at a linearization point.
 
         Parameters
         ----------

@@ -45,8 +45,8 @@ EDGES = {
 }
 PARTS_PER_PIXEL, MOST_PARTS, ROUNDING = 3, 4, 1e-6  # parts of voxels, a third of a pixel wide at the isocenter
 MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
-# Variance of the attenuation in a voxel that remains unknown, relative to that of its mixture (GridScene.variance).
-# - of labels: the mixture is that of an edge at a uniformly distributed position. Neighbors share this position where
+# Variance of the attenuation in a voxel that remains unknown, relative to its mixture (GridScene.variance).
+# - of labels: the mixture assumes an edge at a uniformly distributed position. Neighbors share this position where
 #   a surface is parallel to the grid, so twice the variance is needed. With 1, view_blur stood out in two of three
 #   scans with voxels of half a pixel (seed 102).
 # - of shares: the position follows from the share and its gradient. Measured for random bodies: 0.011 to 0.019 (seed
@@ -126,8 +126,8 @@ class ObjectErrors:
     changes : ndarray of float32, shape (numbers, views, rows, columns)
         Change of line integrals per unit.
     constant : ndarray or float
-        Change of line integrals that is added, so that the sum with those of StatedObject.with_surfaces is exact where
-        it was linearized.
+        Change of line integrals that is added, so that line integrals of StatedObject.with_surfaces become exact where
+        they were linearized.
     left : ndarray or float
         Standard deviation of the error of line integrals that remains, because voxels do not show where a surface is.
     edges : Edges or None
@@ -301,7 +301,7 @@ class StatedObject:
         self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float] | None = None
     ) -> tuple[tuple[Nuisance, ...], np.ndarray, np.ndarray | float, np.ndarray | float]:
         """Return numbers, changes, constant and left of ObjectErrors, for densities or HU and surfaces."""
-        if not self.has_surfaces:  # whose density and size are those of the alignment
+        if not self.has_surfaces:  # density and size are parameters of the alignment
             return (), np.zeros((0, *geometry.shape), np.float32), 0.0, 0.0
         if isinstance(self.scene, ShapesScene):
             return self._of_shapes(geometry, samples, pose, about or {})
@@ -459,7 +459,7 @@ def words_of(name: str, error: float) -> str:
 
 
 def _transmission(line_integrals: np.ndarray) -> np.ndarray:
-    """Return the transmission of rays, of opaque ones that of OPAQUE."""
+    """Return the transmission of rays; for opaque rays, the transmission of OPAQUE."""
     return np.exp(-np.minimum(line_integrals, OPAQUE))
 
 

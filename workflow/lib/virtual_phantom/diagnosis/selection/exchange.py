@@ -121,7 +121,7 @@ def _chi_square(fitter: Fitter, start: Fit) -> float:
 
 
 def _residuals(fitter: Fitter, start: Fit) -> np.ndarray:
-    """Return the whitened residuals at a start with the best scale and offset, and those of the priors."""
+    """Return the whitened residuals at a start with the best scale and offset, and residuals of the priors."""
     problem = Problem.at(fitter, start)
     point, residuals = problem.solve_scale_and_offset(problem.start)
     priors = np.sqrt(problem.prior_precision) * (point - problem.center)

@@ -310,7 +310,7 @@ class ForwardSelection:
 
         The likely alternatives are fitted. A fit may end in a local minimum, and filters are inexact for effects that
         move rays. Before an alternative with a similar change of the data is ruled out, it is therefore fitted again
-        from settings equivalent to those of the effect. `rest` is the fit without the effect.
+        from settings that are equivalent to the effect. `rest` is the fit without the effect.
         """
         fits, score, effects = self.fits, self.current.score, rest.fit.effects
         gain = score - rest.score

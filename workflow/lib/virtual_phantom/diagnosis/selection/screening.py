@@ -45,7 +45,7 @@ class Screened:
         The template is zero, so only a full fit can detect the effect. An example is a typical slice thickness that
         equals the slice spacing.
     with_model_error : Screened or None
-        Result if the models of declared physics are inexact, with `fitted_too` also those of fitted effects; None: no
+        Result if the models of declared physics are inexact, with `fitted_too` also models of fitted effects; None: no
         model errors were considered.
     """
 

@@ -12,7 +12,7 @@ from ...physics.chain import EVEN, SOLID_ANGLE
 from ..noise.condensed import Blocks
 from ..projections.observed import MEDIAN_SQUARE, PARTS
 
-OTHER_SCAN = 50.0  # mean square of block means over that of noise, from which a repeat is of another scan
+OTHER_SCAN = 50.0  # mean square of block means relative to noise, from which a repeat is of another scan
 TIMES = 20.0  # ratio to the mean squares of the other repeats among themselves
 LEAST_RAYS = 16  # of a block
 
@@ -57,7 +57,7 @@ def outlying_repeat(lines: np.ndarray, usable: np.ndarray) -> int | None:
 
 
 def _mean_square(lines: np.ndarray, which: int, usable: np.ndarray, blocks: Blocks) -> float:
-    """Return the mean square of block means of a repeat's difference from the others, over that of noise."""
+    """Return the mean square of block means of a repeat's difference from the others, relative to noise."""
     mean = np.delete(lines, which, axis=0).mean(axis=0, dtype=np.float64)
     scale, offset = np.polyfit(mean[usable], lines[which][usable].astype(np.float64), 1)
     difference = np.where(usable, lines[which] - scale * mean - offset, 0.0)

@@ -193,13 +193,13 @@ def statements(
     """Compare declared physics with a fit.
 
     The pull of a parameter is the difference of fitted and declared value over the root of the difference of their
-    variances. It is standard normal if the declaration is right [1]_. Values and variances are those of the fit
-    variable (Parameter.to_variable). Model errors add to the variance.
+    variances. It is standard normal if the declaration is right [1]_. Values and variances are of the fit variable
+    (Parameter.to_variable). Model errors add to the variance.
 
     Parameters
     ----------
     errors : mapping of str to mapping of str to float, optional
-        Standard errors with model errors, as `model_error.Errors` has them; None: those of the fit.
+        Standard errors with model errors, as `model_error.Errors` has them; None: errors of the fit.
 
     Returns
     -------
@@ -222,7 +222,7 @@ def statements(
             pull = 0.0
             if (number := numbers.get((name, key))) is not None:
                 of_noise, of_all = (number.number_error(value, sd) for sd in (error, whole))
-                # Variance by which the data have reduced that of the declaration, with a lower limit.
+                # Reduction of the variance of the declaration by the data, with a lower limit.
                 reduced = max(number.sd**2 - of_noise**2, (number.sd * LEAST_REDUCED) ** 2)
                 pull = (number.of(value) - number.expected) / sqrt(reduced + of_all**2 - of_noise**2)
             p = float(bonferroni(2 * stats.norm.sf(abs(pull)), max(len(numbers), 1)))
