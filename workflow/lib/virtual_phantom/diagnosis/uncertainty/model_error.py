@@ -282,7 +282,7 @@ def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[st
 
 def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Distortions:
     """Yield changes of the whitened data by model errors, one standard deviation each."""
-    # They are yielded one at a time, because all changes of a large scan do not fit into memory.
+    # They are yielded one at a time, because the memory does not hold all changes of a large scan.
     data, here = fitter.data, fitter.predicted(fit)
     after, spread = data.residuals(here), shapes(here.mean)
     for name, fitted in without.items():
