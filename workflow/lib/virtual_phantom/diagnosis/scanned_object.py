@@ -45,7 +45,8 @@ def scene_of(request: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene 
     if isinstance(other, ShapesObject):
         return ShapesScene(shaped_object(other).shapes, energy_of("water", request.mu_water_per_mm), request.threads)
     if isinstance(other, LabelledObject):
-        return labelled_scene(labelled_object(other), energy_of("water", request.mu_water_per_mm), request.threads)
+        labelled = read_label_map(other.labels, other.materials)
+        return labelled_scene(labelled, energy_of("water", request.mu_water_per_mm), request.threads)
     if other is not None:
         return mask_scene(other.mask, other.material, request.threads, energy)
     volume = volumes.read_nifti(request.phantom)
@@ -111,11 +112,6 @@ def simulated_object(request: DiagnosisRequest, which: slice = slice(None)) -> P
 def shaped_object(given: ShapesObject) -> ShapedObject:
     """Read an object of shapes."""
     return read_object(given.kind, given.parameters)
-
-
-def labelled_object(given: LabelledObject) -> LabelMap:
-    """Read an object that is given as a label map."""
-    return read_label_map(given.labels, given.materials)
 
 
 def binary_voxels_remark(request: DiagnosisRequest, scene: object) -> str | None:
