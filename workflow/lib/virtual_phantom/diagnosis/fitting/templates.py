@@ -50,6 +50,11 @@ def varied(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
     return tuple(parameter for parameter in parameters if parameter.neutral is not None)
 
 
+def neutral_values(parameters: Sequence[Parameter]) -> dict[str, float]:
+    """Return the neutral values of the parameters that have one, by name."""
+    return {parameter.name: parameter.neutral for parameter in varied(parameters)}
+
+
 def strength(parameter: Parameter) -> float:
     """Return a parameter's strength in its template: the typical value, or a part of the range if that is neutral."""
     if parameter.typical != parameter.neutral:
@@ -80,9 +85,8 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
         number = min(max(parameter.to_variable(parameter.typical), unknown.low), unknown.high)
         typical[parameter.name] = unknown.value(number)
     typical |= fitter.model.known(name)
-    parameters = varied(every)
-    off = {parameter.name: parameter.neutral for parameter in parameters}
-    steps = [_step(name, parameter, ranges[parameter.name]) for parameter in parameters]
+    off = neutral_values(every)
+    steps = [_step(name, parameter, ranges[parameter.name]) for parameter in varied(every)]
     rows = []
     for shape in shapes:
         for strong, times, reach in steps or [({}, 1.0, 1.0)]:
@@ -99,6 +103,6 @@ def _step(name: str, parameter: Parameter, unknown: Unknown) -> tuple[dict[str, 
     strong = strength(parameter)
     if not load(name).moves(parameter):
         return {parameter.name: strong}, 1.0, 1.0
-    step = MOVING_STEPS[load(name).stage] * (unknown.high - unknown.low)  # their number is the value itself
+    step = MOVING_STEPS[load(name).stage] * (unknown.high - unknown.low)  # the variable is the parameter itself
     step = min(step, abs(strong - parameter.neutral)) * np.sign(strong - parameter.neutral)
     return {parameter.name: parameter.neutral + step}, float((strong - parameter.neutral) / step), SLOPE_REACH

@@ -16,6 +16,7 @@ from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import before_images
 from ..fitting.nuisance import Nuisance, pose_of
 from ..fitting.problem import Problem
+from ..fitting.templates import neutral_values
 from ..noise.condensed import Blocks
 from ..projections.model import ScansModel
 from ..projections.object_errors import ObjectErrors
@@ -151,11 +152,10 @@ class FurtherScan:
         further = ScansModel(chain, aligned, anode=model.anode, object_errors=errors, **known)
 
         def here(one: Fit) -> Fit:
-            physics = {name: dict(values) for name, values in one.physics.items()}
-            for name in off:
-                for parameter in further.parameters(name) if name in physics else ():
-                    if parameter.neutral is not None:
-                        physics[name][parameter.name] = parameter.neutral
+            physics = {
+                name: values | (neutral_values(further.parameters(name)) if name in off else {})
+                for name, values in one.physics.items()
+            }
             expected = {number.name: number.expected for number in further.nuisances_for(fit.effects)}
             nuisance = {name: one.nuisance[name] if again else value for name, value in expected.items()}
             return replace(one, effects=fit.effects, physics=physics, nuisance=nuisance, linearization=model.nominal)
