@@ -311,8 +311,8 @@ def _of_areas(reference: np.ndarray, images: np.ndarray, regions: Regions, paire
     # images have the noise of few repeats.
     freedom, level = len(reference) + len(images) - 2, ALPHA / 2 / len(areas)
     wider = (stats.norm.isf(level) if paired or not freedom else stats.t.isf(level, freedom)) / 2
-    sure = np.abs(difference) - 2 * wider * error
-    worst = int(np.argmax(sure if np.isfinite(sure).all() else np.abs(difference)))
+    limits = np.abs(difference) - 2 * wider * error
+    worst = int(np.argmax(limits if np.isfinite(limits).all() else np.abs(difference)))
     return ImageChange(float(difference[worst]), _known(wider * error[worst]))
 
 

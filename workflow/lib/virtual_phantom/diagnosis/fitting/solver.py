@@ -55,7 +55,7 @@ class Solution(Iterate):
     Attributes
     ----------
     information : ndarray, shape (numbers, numbers), or None
-        None if it was not asked for, and the last Jacobian is not of this point.
+        None if it was not requested, and the last Jacobian is not of this point.
     predicted_decrease : float
         Decrease of chi-square that the derivatives predict although no step achieves it; 0 if the search converged.
     """

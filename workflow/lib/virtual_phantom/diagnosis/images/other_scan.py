@@ -86,7 +86,7 @@ def heights_mm(grid: Grid) -> np.ndarray:
     return grid.centre_mm[2] + grid.axes_mm()[0]
 
 
-def apart(count: int, step: int) -> tuple[slice, slice]:
+def alternate_slices(count: int, step: int) -> tuple[slice, slice]:
     """Return alternate slices: those that the model has, and those that are compared.
 
     A model with the noise of the compared slices would fit better if an effect smoothed it. Slices at the distance

@@ -212,14 +212,14 @@ def prepare(
     white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1), least)
     log_photons = np.log(nominal_photons or photons)
     # Noise that is not fitted does not determine the photons, so they need a prior.
-    stays = nominal_photons or len(fitted) == 1 or of_slices
+    needs_prior = nominal_photons or len(fitted) == 1 or of_slices
     errors = ObjectErrors()
     if uncertain is not None:
         numbers, changes, *_ = uncertain.amounts(chain.geometry, chain.samples, pose)
         if numbers:
             images = [white(reconstruct(change[None])[0] - HU_AIR).astype(np.float32) for change in changes]
             errors = ObjectErrors(numbers, np.stack(images))
-    final = model(log_photons, NOMINAL_PHOTONS_SD if stays else np.inf, object_errors=errors)
+    final = model(log_photons, NOMINAL_PHOTONS_SD if needs_prior else np.inf, object_errors=errors)
     if of_slices:
         final.recorded_noise, nulls = recorded_noise, noise
         if known_image is not None:

@@ -34,7 +34,7 @@ from ..scanned_object import MOST_SLICES, scene_of, simulated_object
 from ..selection.forward_selection import Choice
 from ..workload import SAMPLES
 from .model import REALIZATIONS
-from .other_scan import apart, placed
+from .other_scan import alternate_slices, placed
 from .own_simulation import simulated_images
 from .prepared import PreparedImages, prepare
 from .scan import MARGIN_MM, ImagedObject, finer_scan, imaged_object
@@ -214,7 +214,7 @@ def compare_scans(
         raise InputError(f"{path}: has the images of the recording; give another scan of the object")
     # Along z, noise changes more than the object.
     variance, of_scan = (_variogram(one[None], valid)[2] for one in (recorded, shown))
-    modeled, compared = apart(len(shown), 1 + len(slice_correlations(difference[None], valid, INDEPENDENT)))
+    modeled, compared = alternate_slices(len(shown), 1 + len(slice_correlations(difference[None], valid, INDEPENDENT)))
     mean, error = (one[modeled].mean(axis=0, keepdims=True) for one in (shown, shown - linear))
     return ComparedScans(modeled, mean, error, (difference[compared] + mean)[None], math.sqrt(of_scan / variance))
 

@@ -218,8 +218,8 @@ def _all_at_once(prepared, chosen: Fits, ambiguities: Sequence[Ambiguity]) -> Fi
             for effect, fits in ambiguity.fits.items():
                 if effect not in physics:
                     physics[effect] = fits[name].physics[effect] | neutral_values(model.parameters(effect))
-        declared = set(physics) - set(fit.effects) - set(fit.physics)
-        found[name] = replace(fit, effects=(*fit.effects, *sorted(declared)), physics=physics)
+        added = set(physics) - set(fit.effects) - set(fit.physics)
+        found[name] = replace(fit, effects=(*fit.effects, *sorted(added)), physics=physics)
     return found
 
 

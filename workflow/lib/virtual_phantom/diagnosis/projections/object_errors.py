@@ -41,7 +41,7 @@ DENSE_HU = 150  # from here on the relative error of the density adds to the err
 # - sharp_edges: by sharp interfaces within voxels; 0 for an object with blurred edges.
 EDGES = {
     "edge_blur": ("sharp", "blurred", -0.25, 0.5),
-    "sharp_edges": ("told", "sharp", 0.5, 0.5),
+    "sharp_edges": ("stated", "sharp", 0.5, 0.5),
 }
 PARTS_PER_PIXEL, MOST_PARTS, ROUNDING = 3, 4, 1e-6  # parts of voxels, a third of a pixel wide at the isocenter
 MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
@@ -81,7 +81,7 @@ class Edges:
         self.names = tuple(EDGES) if binary or max(parts) > 1 else ("edge_blur",)
         sharp = best.attenuation(parts, shares)
         self._scenes = {
-            "told": scene.attenuation(),
+            "stated": scene.attenuation(),
             "sharp": sharp,
             "blurred": sharp.blurred(),
             "variance": scene.variance(shares),

@@ -240,8 +240,8 @@ class ForwardSelection:
             self.unconfounded |= self.fits.unconfounded(self.current.fit, found)
         # Chi-square is twice the log score, but a first-order filter may fall short of it by a factor of two.
         least = self.required_gain(self.current)
-        sure = {name: one for name, one in found.items() if stands_out(one.beside_model_error, len(found), least)}
-        likely = best_few(sure)
+        clear = {name: one for name, one in found.items() if stands_out(one.beside_model_error, len(found), least)}
+        likely = best_few(clear)
         likely += [name for name in sorted(self.unconfounded) if name in found]
         likely += [name for name, filtered in found.items() if filtered.blind]
         return self.fits.beside(self.current, list(dict.fromkeys(likely))) if likely else {}

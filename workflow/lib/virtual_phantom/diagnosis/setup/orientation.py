@@ -191,13 +191,13 @@ def _registered(
     if max(map(abs, off_mm)) > WITHIN_MM and not far:
         moved, overlap, off_mm = images, _overlap(images, expected), (0.0, 0.0, 0.0)
     inside = _inside(expected) & _inside(moved)
-    rest, alike = moved - expected, correlation(moved, expected)
+    rest, similarity = moved - expected, correlation(moved, expected)
     if inside.sum() < 2 * len(SHAPES):
-        return Registered(1.0, overlap, off_mm, alike, rest)
+        return Registered(1.0, overlap, off_mm, similarity, rest)
     recorded, phantom = moved[inside], expected[inside]
     scale = max(float(phantom.std()), 1.0)
     design = np.stack([((phantom - phantom.mean()) / scale) ** power for power in SHAPES], axis=1)
     left = recorded - design @ np.linalg.lstsq(design, recorded, rcond=None)[0]
     total = float(recorded.var()) - noise
     share = (float((left**2).mean()) - noise) / total if total > 0 else 1.0
-    return Registered(float(np.clip(share, 0.0, 1.0)), overlap, off_mm, alike, rest)
+    return Registered(float(np.clip(share, 0.0, 1.0)), overlap, off_mm, similarity, rest)
