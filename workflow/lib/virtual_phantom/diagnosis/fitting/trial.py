@@ -9,6 +9,7 @@ from scipy import stats
 from ...physics.effect import load
 from ..noise import gain_pattern
 from .fit import Fit, Fitter
+from .joint_fit import JointFit
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def trial(
     return Trial(fit, fitter.score(fit), p)
 
 
-def effect_p_value(fit: Fit, without: Fit, effect: str) -> float:
+def effect_p_value(fit: Fit | JointFit, without: Fit | JointFit, effect: str) -> float:
     """Return an effect's p-value from the likelihood ratio of fits with and without it.
 
     The p-value of a gain pattern comes from its size.
