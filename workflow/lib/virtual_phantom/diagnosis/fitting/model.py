@@ -193,7 +193,7 @@ class Model(ABC):
 
     def distortion(self, nuisance: Mapping[str, float], linearization: Linearization = BASE) -> np.ndarray | float:
         """Return the correction of numerical errors that is added to the mean, broadcastable to it."""
-        return 0.0
+        return sum(nuisance[name] * change for name, change in self.discretization_errors(linearization).items())
 
     def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """Return {nuisance parameter: change of the mean by finer discretization}; empty if there is none."""

@@ -80,10 +80,6 @@ class ScansModel(Model):
         numerical = () if self.numerical is None else self.numerical.names
         return (*numerical, *(number.name for number in self.object_errors.edge_numbers))
 
-    def distortion(self, nuisance: Mapping[str, float], linearization: Linearization = BASE) -> np.ndarray | float:
-        """See Model.distortion."""
-        return sum(nuisance[name] * change for name, change in self.discretization_errors(linearization).items())
-
     def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """See Model.discretization_errors."""
         numerical = {} if self.numerical is None else self.numerical.at(linearization.errors)
