@@ -212,8 +212,6 @@ def prepare(
     floor_chain: Chain | None = None,
     coarse_chain: Chain | None = None,
     step: int = 1,
-    time_remark: str | None = None,
-    voxels: str | None = None,
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
     location: Mapping[str, float] | None = None,
     uncertain: StatedObject | None = None,
@@ -234,8 +232,6 @@ def prepare(
     step : int, optional
         Every `step`-th view is fitted or held out. Noise is estimated from all views, in large scans from these views
         and their neighbors.
-    time_remark, voxels
-        See Prepared.
     anode, tube_kvp, declared
         See Model.
     location : mapping of str to float, optional
@@ -300,7 +296,7 @@ def prepare(
     label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
     model = ScansModel(chain, aligned, numerical=numerical, object_errors=errors, first=first, **label)
     fitter = Fitter(model, data, held_out, weighed, floor)
-    more = {"step": step, "time_remark": time_remark, "voxels": voxels, "second_difference": noise.second_difference}
+    more = {"step": step, "second_difference": noise.second_difference}
     return PreparedScans(fitter, data, held_out, noise.variance, words, noise.single, noise.photons, **more)
 
 
