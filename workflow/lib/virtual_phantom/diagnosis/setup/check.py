@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from ..request import DiagnosisRequest
 from ..verdict.verdict import Diagnosis
 from ..verdict_text import SETUP_VERDICTS, setup_lines, with_verdict_text
 from .data_checks import copied_repeats, outlying_repeat, wrong_illumination
-from .finding import AS_STATED, DESCRIPTION, MOST, Finding, SetupResult, find
+from .finding import AS_STATED, DESCRIPTION, MOST, SetupResult, find
 from .located import locate
 from .mismatch import Comparison
 from .orientation import orientation
@@ -39,20 +38,6 @@ NOT_CHECKED = {
     "share": 0.0,
     "location": {},
 }
-
-
-@dataclass(frozen=True)
-class SetupCheck(SetupResult):
-    """Result of the check of a recording of projections."""
-
-    comparison: Comparison = field(repr=False)
-    finding: Finding = field(repr=False)
-    location: Mapping[str, float] = field(default_factory=dict)
-    of: ClassVar[str] = "line integrals"
-
-    def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residual as described and as corrected, shape (views, columns)."""
-        return self.comparison.residual(self.finding.stated), self.comparison.residual(self.finding.best)
 
 
 def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult | None:
@@ -85,7 +70,9 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult 
         mistakes |= _mistakes_of_data(recording, taken)
     kind, location = (DESCRIPTION, {}) if mistakes else (finding.kind, finding.location)
     alike = tuple(dict.fromkeys(mismatch.name for mismatch in finding.alike))
-    return SetupCheck(kind, mistakes, alike, finding.stated.share, finding.share, comparison, finding, location)
+    maps = comparison.residual(finding.stated), comparison.residual(finding.best)
+    shares = finding.stated.share, finding.share
+    return SetupResult("line integrals", kind, mistakes, alike, *shares, maps, location)
 
 
 def _mistakes_of_data(recording: ProjectionsRecording, taken: Scans) -> dict[str, str]:

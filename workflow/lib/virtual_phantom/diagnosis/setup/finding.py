@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
-from typing import ClassVar
 
 import numpy as np
 
@@ -64,11 +61,13 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class SetupResult(ABC):
+class SetupResult:
     """Result of the set-up check of a recording.
 
     Attributes
     ----------
+    of : str
+        Name of the compared data.
     kind : {"as stated", "description", "object", "empty"}
     mistakes : dict of str to str
         {mistake: correction}.
@@ -76,17 +75,23 @@ class SetupResult(ABC):
         Mistakes that a scan of this object cannot detect.
     share_stated, share : float
         Unexplained share of the variance of the data, as described and as corrected.
-    of : str
-        Name of these data.
+    maps : tuple of 2 ndarray, shape (down, across)
+        Residual as described and as corrected.
+    location : mapping of str to float
+        See Finding.location.
+    mirrored : bool or None
+        Whether an object that is constant along z is seen from its other end; None: not tested.
     """
 
+    of: str
     kind: str
     mistakes: Mapping[str, str]
     alike: tuple[str, ...]
     share_stated: float
     share: float
-    of: ClassVar[str]
-    location = MappingProxyType({})  # see Finding.location; a field of subclasses whose check locates the object
+    maps: tuple[np.ndarray, np.ndarray] = field(repr=False)
+    location: Mapping[str, float] = field(default_factory=dict)
+    mirrored: bool | None = None
 
     @property
     def content(self) -> dict:
@@ -99,11 +104,8 @@ class SetupResult(ABC):
             "share_stated": self.share_stated,
             "share": self.share,
             "location": dict(self.location),
+            **({} if self.mirrored is None else {"mirrored": self.mirrored}),
         }
-
-    @abstractmethod
-    def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residual as described and as corrected."""
 
 
 def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage
@@ -78,19 +77,6 @@ CHANGE = "repeats: {} in the image files or in their affine"
 
 
 @dataclass(frozen=True)
-class OrientationFound(SetupResult):
-    """Result of the check of images; `stated` and `best` are the middle slice of images minus phantom, HU."""
-
-    stated: np.ndarray = field(repr=False)
-    best: np.ndarray = field(repr=False)
-    of: ClassVar[str] = "HU inside the body"
-
-    def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """See SetupResult.maps."""
-        return self.stated, self.best
-
-
-@dataclass(frozen=True)
 class Registered:
     """Images in one orientation, compared with the phantom.
 
@@ -115,8 +101,10 @@ class Registered:
     rest: np.ndarray
 
 
-def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) -> OrientationFound:
+def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) -> SetupResult:
     """Find the order of voxels in which images agree best with the phantom.
+
+    Maps are the middle slice of images minus phantom, HU.
 
     Parameters
     ----------
@@ -160,7 +148,7 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
     alike = [] if kind == OBJECT else [order.name for order in near]
     middle = mean.shape[0] // 2
     maps = stated.rest[middle], found.rest[middle]
-    return OrientationFound(kind, mistakes, tuple(alike), stated.share, found.share, *maps)
+    return SetupResult("HU inside the body", kind, mistakes, tuple(alike), stated.share, found.share, maps)
 
 
 def _coarse(array: np.ndarray, size: tuple[int, int, int]) -> np.ndarray:

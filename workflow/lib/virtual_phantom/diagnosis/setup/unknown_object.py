@@ -67,8 +67,9 @@ class DataMaps:
     of: str
     quantity: str
 
+    @property
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return both maps."""
+        """Both maps."""
         return self.data, self.differences
 
 
