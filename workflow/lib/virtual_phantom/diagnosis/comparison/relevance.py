@@ -123,8 +123,8 @@ def agreement_and_changes(
     Returns
     -------
     dict
-        Result of agreement.agreement with rois (names), repeats (number), profile (x_mm, and mean HU of the recorded
-        images and of those before and after the diagnosis) and `practice`.
+        Result of agreement.agreement with rois (names), repeats (number), grid, profile (x_mm, and mean HU of the
+        images that are recorded, before and after the diagnosis) and `practice`.
     """
     simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
     independent = independent_values(simulated["after"] if noise is None else noise, regions.inner)
@@ -135,7 +135,8 @@ def agreement_and_changes(
     if len(profiles["recorded"][0]):
         found["profile"] = {"x_mm": profiles["recorded"][0].tolist()}
         found["profile"] |= {name: values.tolist() for name, (_, values) in profiles.items()}
-    return found | {"rois": list(regions.rois), "repeats": len(recorded)}
+    grid = {"shape": list(recorded.shape[1:]), "spacing_mm": list(regions.spacing)}
+    return found | {"rois": list(regions.rois), "repeats": len(recorded), "grid": grid}
 
 
 def middle_profile(images: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:

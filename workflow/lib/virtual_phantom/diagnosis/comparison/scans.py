@@ -69,8 +69,8 @@ def agreement_of_repeats(
     Returns
     -------
     dict
-        Result of relevance.agreement_and_changes, with algorithm and grid. If the scan cannot be reconstructed, no
-        metrics but the reason.
+        Result of relevance.agreement_and_changes, with algorithm. If the scan cannot be reconstructed, no metrics but
+        the reason.
     """
     chain = prepared.fitter.model.chain
     pose, shown = pose_of(choice.chosen.fit.nuisance), scanned or chain.scene
@@ -92,10 +92,8 @@ def agreement_of_repeats(
         sets = range(-(-CORRELATED_REPEATS // len(repeats)))
         noise = np.concatenate([images(choice.chosen.fit, (CORRELATION, number)) for number in sets])
     features = Features(regions) if scanned is not None and scanned.rois else None
-    return agreement_and_changes(recorded, images, noise, choice, regions, features, with_changes) | {
-        "algorithm": "fbp",
-        "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
-    }
+    found = agreement_and_changes(recorded, images, noise, choice, regions, features, with_changes)
+    return found | {"algorithm": "fbp"}
 
 
 def held_out_repeats(taken: Scans, further: Scans | None) -> Scans:

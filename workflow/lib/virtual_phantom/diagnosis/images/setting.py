@@ -363,7 +363,5 @@ def agreement_of_images(
     fit = choice.chosen.fit
     noise = model.noise_images(fit.physics, fit.nuisance, fit.linearization) if len(repeats) > 1 else None
     features = None if scanned is None else Features(regions)
-    return agreement_and_changes(repeats, images, noise, choice, regions, features, with_changes) | {
-        "algorithm": request.protocol.algorithm,
-        "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
-    }
+    found = agreement_and_changes(repeats, images, noise, choice, regions, features, with_changes)
+    return found | {"algorithm": request.protocol.algorithm}
