@@ -213,7 +213,7 @@ class Problem:
         return self._beside_pattern(parts)
 
     def _beside_pattern(self, parts: list[np.ndarray]) -> list[np.ndarray]:
-        """Subtract what the estimated gain pattern takes up of changes, by part of the data, if there is one."""
+        """Subtract the part of changes that the estimated gain pattern absorbs, if there is a pattern."""
         if self.estimated is None:
             return parts
         return less_pattern(parts, self.estimated.of(parts[0].reshape(self.data.mean.shape)), self.data)

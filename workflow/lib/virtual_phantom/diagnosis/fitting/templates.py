@@ -12,7 +12,7 @@ from .fit import Fit, Fitter
 from .problem import MOVING_STEPS, SLOPE_REACH, Problem
 from .unknown import Unknown
 
-SMALL = 1e-9  # of a template's square: rounding of one that the nuisance parameters absorb entirely
+SMALL = 1e-9  # share of a template's square that remains by rounding if nuisance parameters absorb it entirely
 
 
 def whitened(parts: list[np.ndarray], weights: list[np.ndarray]) -> np.ndarray:

@@ -87,7 +87,7 @@ def heights_mm(grid: Grid) -> np.ndarray:
 
 
 def alternate_slices(count: int, step: int) -> tuple[slice, slice]:
-    """Return alternate slices: those that the model has, and those that are compared.
+    """Return alternate slices: the slices of the model, and the compared slices.
 
     A model with the noise of the compared slices would fit better if an effect smoothed it. Slices at the distance
     `step` have independent noise. Both have the same mean height.

@@ -100,7 +100,7 @@ class Edges:
         return self._kept.get(pose, make)
 
     def unknown(self, pose: Pose) -> np.ndarray:
-        """Return the standard deviation of line integrals by what is unknown of the edges.
+        """Return the standard deviation of line integrals by the unknown part of the edges.
 
         Neighboring rays share errors. Weights of rays count them as independent, so the variance is multiplied by the
         number of rays that vary together, which the change by sharp edges shows.
