@@ -314,8 +314,8 @@ class ForwardSelection:
         """
         fits, score, effects = self.fits, self.current.score, rest.fit.effects
         gain = score - rest.score
-        # Alternatives are not penalized for errors of declared models.
-        found = fits.filters_by_noise(rest.fit, others) if effects else fits.alone
+        # Gains are for noise alone: alternatives are not penalized for errors of declared models.
+        found = fits.filters(rest.fit, others) if effects else fits.alone
         found = {name: found[name] for name in others}
         losses = {name: gain - filtered.gain / 2 for name, filtered in found.items()}
         close = [name for name, lost in losses.items() if lost < RULED_OUT]
@@ -374,10 +374,6 @@ class CandidateFits:
         if missing := [name for name in names if name not in found]:
             found |= self.screen(fit, missing, accuracy=self.accuracy)
         return {name: found[name] for name in names}
-
-    def filters_by_noise(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
-        """Return the matched filters of effects for a fit, if noise is the only error."""
-        return {name: replace(one, with_model_error=None) for name, one in self.filters(fit, names).items()}
 
     def filters_beside_all_models(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
         """Return the matched filters of effects for a fit, beside errors of declared and fitted models."""
