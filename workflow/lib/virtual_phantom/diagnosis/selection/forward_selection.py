@@ -396,9 +396,8 @@ class CandidateFits:
 
     def single(self, names: Sequence[str]) -> dict[str, Trial]:
         """Fit candidates alone."""
-        new = [name for name in names if name not in self.singles]
-        made = self.fit([((name,), self.baseline, self.baseline) for name in new])
-        self.singles |= zip(new, made, strict=True)
+        made = self._fits([((name,), self.baseline, self.baseline) for name in names])
+        self.singles |= zip(names, made, strict=True)
         return {name: self.singles[name] for name in names}
 
     def beside(self, current: Trial, names: Sequence[str]) -> dict[str, Trial]:
