@@ -58,7 +58,7 @@ def left_over(prepared_data, physics, fit):
     parts = [there - here for there, here in zip(held_out.residuals(found), held_out.residuals(truth), strict=True)]
     shape = held_out.mean.shape
     pattern = (0 if fit.pattern is None else -fit.pattern.values) - (0 if gain is None else np.log(gain))
-    parts[0] = (parts[0].reshape(shape) + held_out.whitened(np.where(held_out.usable, pattern, 0))).ravel()
+    parts[0] = (parts[0].reshape(shape) + held_out.whitened(pattern)).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
     fitted = HalfResiduals([part.copy() for part in parts], fitter.weights, prepared_data.data)
     more = alignment_tests(fit, fitter.model.distortions)

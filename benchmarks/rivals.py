@@ -19,7 +19,7 @@ import numpy as np
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.fitting.fit import Fitter
 from virtual_phantom.diagnosis.fitting.problem import Problem
-from virtual_phantom.diagnosis.fitting.templates import changes, projected, templates, whitened
+from virtual_phantom.diagnosis.fitting.templates import data_changes, projected, templates, whitened, with_priors
 from virtual_phantom.diagnosis.preparation import prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.screening import amounts, explained, screened
@@ -93,7 +93,7 @@ def all_at_once(fitter, tried):
     price, _ = priced(fitter)
     aligned = fitter.fit(())
     problem, parts = Problem.at(fitter, aligned), fitter.residuals(aligned, held_out=False)
-    absorbed = np.linalg.qr(changes(problem))[0]
+    absorbed = np.linalg.qr(with_priors(data_changes(problem), problem))[0]
     known = np.sqrt(problem.prior_precision) * (problem.center - problem.start)
     residual = np.concatenate([whitened(parts, fitter.weights), known])
     residual -= absorbed @ (absorbed.T @ residual)

@@ -12,7 +12,7 @@ from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.comparison.agreement import Features, Regions, agreement, share_within
 from virtual_phantom.diagnosis.comparison.regions import ScannedVolume, complete, image_grid, phantom_regions
 from virtual_phantom.diagnosis.comparison.relevance import middle_profile
-from virtual_phantom.diagnosis.comparison.scans import Reconstruction, agreement_of_repeats, filled, held_out_repeats
+from virtual_phantom.diagnosis.comparison.scans import agreement_of_repeats, filled, held_out_repeats, reconstructed
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
@@ -164,7 +164,8 @@ def test_regions_follow_the_pose_of_the_object(scanned):
     lines = Chain(VoxelScene.of(scanned.fine, Segmentation(), MU_WATER), GEOMETRY).state({}, pose).line_integrals()
     grid = image_grid(GEOMETRY, scanned.radius_mm + 12)
     valid = complete(GEOMETRY, grid)
-    (image,) = Reconstruction(GEOMETRY, grid, MU_WATER, np.ones(lines.shape, bool))(lines[None].astype(np.float32))
+    usable = np.ones(lines.shape, bool)
+    (image,) = reconstructed(lines[None].astype(np.float32), usable, GEOMETRY, grid, MU_WATER, 1)
     means = {}
     for name, where in (("moved", pose), ("unmoved", Pose())):
         regions = phantom_regions(grid, valid, scanned, where)

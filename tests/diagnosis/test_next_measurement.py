@@ -203,7 +203,7 @@ def test_table_figure_and_recording_template_are_written(moved):
     *_, found = moved
     rows = ranking_table(found)
     assert list(rows["name"][:2]) == ["now", "less_magnified"] and rows["settles"][1]
-    assert best_measurement_text(found)[0].startswith("the object nearer to the detector")
+    assert best_measurement_text(found).startswith("the object nearer to the detector")
     assert [axes.get_xlabel() for axes in draw_ranking(rows, 3.0).axes][0].startswith("expected information gain")
     content = {"name": "disc", "kind": "projections", "scan": SCAN, "nominal": {"photons": 100.0}, "repeats": ["a.h5"]}
     for one in found.ranked:

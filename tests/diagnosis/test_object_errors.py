@@ -180,7 +180,7 @@ def test_a_material_that_the_object_does_not_have_is_rejected():
 def test_an_exact_object_has_no_errors_and_a_single_material_only_a_scale():
     disc = ShapesScene([cylinder("water", (0, 0, 0), 90)])
     assert StatedObject(disc, ObjectUncertainty(), MU_WATER).errors(GEOMETRY, 1).names == ()
-    assert ready(None).fitter.model.object_error_names == ()
+    assert ready(None).fitter.model.object_errors.names == ()
 
 
 def test_a_disc_has_an_uncertain_radius_and_without_an_energy_an_uncertain_attenuation():

@@ -15,7 +15,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.candidate_effects import check_kinds
-from virtual_phantom.diagnosis.images.other_scan import apart, with_other_scan
+from virtual_phantom.diagnosis.images.other_scan import alternate_slices, with_other_scan
 from virtual_phantom.diagnosis.images.scan import with_scan
 from virtual_phantom.diagnosis.images.setting import correlated_variance
 from virtual_phantom.diagnosis.preparation import prepare_recording
@@ -207,7 +207,7 @@ def test_another_scan_is_the_object(recorded, tmp_path, change, noise, moved_px,
 
 def test_slices_of_the_model_are_not_compared():
     for count, step, slices in ((10, 1, ([1, 3, 5, 7], [0, 2, 4, 6, 8])), (12, 2, ([2, 6], [0, 4, 8]))):
-        assert tuple(list(range(count))[part] for part in apart(count, step)) == slices
+        assert tuple(list(range(count))[part] for part in alternate_slices(count, step)) == slices
 
 
 def test_other_scans_that_cannot_be_compared_are_refused(recorded, tmp_path):

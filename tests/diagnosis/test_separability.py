@@ -9,7 +9,7 @@ from generators import effect_templates
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.names import label
 from virtual_phantom.diagnosis.fitting.problem import Problem
-from virtual_phantom.diagnosis.fitting.templates import changes, projected
+from virtual_phantom.diagnosis.fitting.templates import data_changes, projected
 from virtual_phantom.diagnosis.planning.separability import (
     Template,
     absorbed_in_range,
@@ -76,7 +76,7 @@ def test_flux_is_measured_through_its_declaration_only(disc):
     # One parameter with a prior of 2 %, plus the information in the variances of the blocks.
     data, known = fitter.weights[1].sum(), 1 / 0.02**2
     assert flux.absorbed == pytest.approx(data / (data + known), rel=1e-3)
-    unstated = np.linalg.qr(changes(Problem(fitter, (), fit))[: flux.change.size])[0]
+    unstated = np.linalg.qr(data_changes(Problem(fitter, (), fit)))[0]
     left = projected(flux.change[None], unstated)[0]
     assert left @ left < 1e-5 * (flux.change @ flux.change)
 
@@ -121,7 +121,7 @@ def test_change_outside_the_prior_range_is_not_absorbed(disc):
     fitter, fit = disc
     problem = Problem(fitter, (), fit)
     place = len(problem.unknowns) + [one.name for one in problem.nuisances].index("scale")
-    column = changes(problem)[: sum(part.size for part in fitter.weights), place]
+    column = data_changes(problem)[:, place]
     margin = problem.high[place] - problem.start[place]
     found = absorbed_in_range(fitter, fit, np.stack([0.5 * margin * column, 100 * margin * column]))
     # All within the range, little far beyond it.

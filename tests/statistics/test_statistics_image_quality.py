@@ -33,13 +33,10 @@ def test_contrast_is_exact_and_its_error_is_that_of_the_means():
         image[rois[name]] = hu
     same = np.stack([image, image])
     assert contrast(same, rois).value == pytest.approx((100 + 150 + 50) / 3) and contrast(same, rois).error == 0
-    assert contrast(same, rois, "a").value == pytest.approx((100 + 150) / 2)
     pair = {name: rois[name] for name in "ab"}
     error = contrast(image + white(200), pair).error
     assert error == pytest.approx(SIGMA_HU * np.sqrt(2 / (200 * rois["a"].sum())), rel=0.15)
     assert np.isnan(contrast(image[None], rois).error)
-    with pytest.raises(InputError, match="there is no ROI 'd'; use one of a, b, c"):
-        contrast(same, rois, "d")
     with pytest.raises(InputError, match="needs two ROIs"):
         contrast(same, {"a": rois["a"]})
 

@@ -5,11 +5,15 @@ The script writes diagnosis.json, physics.yaml, maps and the report.
 
 from collections.abc import Mapping, Sequence
 
-from virtual_phantom.diagnosis.features.read import read_responses
+from virtual_phantom.diagnosis.features.responses import compared, responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
 from virtual_phantom.diagnosis.selection.store import DiagnosisFiles, write_diagnosis
 from virtual_phantom.diagnosis.verdict_text import console_text
 from virtual_phantom.features import names as feature_names
+from virtual_phantom.features.settings import read_extraction
+from virtual_phantom.io.files import read_csv
+from virtual_phantom.io.volumes import read_nifti
+from virtual_phantom.recordings.reference import select_rows
 from virtual_phantom.report.diagnosis_of_features import feature_diagnosis_page
 from virtual_phantom.study.job import job, log
 
@@ -29,17 +33,10 @@ def main(
     stored_offset_hu: float,
     parameter_file: str | None,
 ) -> None:
-    data, not_compared = read_responses(
-        changed_features_file,
-        recorded_features_file,
-        image_file,
-        recording=recording,
-        conditions=conditions,
-        dimensions=dimensions,
-        stored_offset_hu=stored_offset_hu,
-        parameter_file=parameter_file,
-        rois=rois,
-    )
+    rows = select_rows(read_csv(recorded_features_file), dict(conditions), f"recording {recording}")
+    table, extraction = read_csv(changed_features_file), read_extraction(parameter_file)
+    features, not_compared = compared(table, rows, dimensions, stored_offset_hu, extraction)
+    data = responses(table, rows, features, read_nifti(image_file).grid, rois)
     found = diagnose_features(name, data, not_compared, feature_names.MEAN, margin_sd)
     write_diagnosis(
         output, found.content, overlay(data, found.content), feature_diagnosis_page(found), found.before.maps

@@ -71,7 +71,7 @@ def main(
         document = made[first][0].document.content
         text = recording_template(first, found.ranked[0], document, settings, len(document["repeats"]))
         write_text(text, folder / "recording.yaml")
-        result = f"{name}: {best_measurement_text(found)[0]}"
+        result = f"{name}: {best_measurement_text(found)}"
     log.info("%s", result)
     print(result)
 

@@ -117,22 +117,21 @@ def object_text(request: DiagnosisRequest) -> str:
     )
 
 
-def uncertainty_text(settings: RecordingSettings, errors: ObjectErrors | None) -> str:
+def uncertainty_text(settings: RecordingSettings, errors: ObjectErrors) -> str:
     """Return the standard deviations of the fitted errors of the object, in words."""
     if settings.object_exact:
         return "none: stated as exact"
-    numbers = () if errors is None else errors.numbers
     uncertainty, found = settings.object_uncertainty, []
-    sds = {number.name: number.sd for number in numbers}
-    if numbers and settings.of_phantom:
+    sds = {number.name: number.sd for number in errors.numbers}
+    if sds and settings.of_phantom:
         found = [f"{uncertainty.hu:g} HU", f"{100 * uncertainty.density:g} % of the density above {DENSE_HU} HU"]
-    elif numbers:
+    elif sds:
         densities = {name: sd for name, sd in sds.items() if name.startswith(DENSITY)}
         found = [f"density of {label(name.removeprefix(DENSITY))} {100 * sd:g} %" for name, sd in densities.items()]
     surfaces = [sd for name, sd in sds.items() if name.startswith(SURFACE)]
     if surfaces:
         found.append(f"surfaces {max(surfaces):.2g} mm")
-    if errors is not None and errors.edges is not None:
+    if errors.edges is not None:
         found.append("edges within voxels")
     return ", ".join(found) or "density scale and size alone"
 

@@ -61,7 +61,7 @@ def candidate_conditions(content: Mapping) -> dict:
         "parallel": parallel,
         "scaled": scan.get("length_unit") != ELEMENT,
         "sparse": scan.get("views_per_rotation", math.inf) < math.pi / 2 * scan.get("columns", 0),
-        "stated_times": bool({"rotation_time_ms", "view_interval_ms"} & content.get("scan", {}).keys()),
+        "stated_times": bool({"rotation_time_ms", "view_interval_ms"} & scan.keys()),
     }
 
 

@@ -95,8 +95,6 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         declared=declared(settings.baseline, BASELINE_CONFIG_KEY),
         coarse_chain=coarse,
         step=step,
-        time_remark="; ".join(filter(None, (scale_note(recording.scan), view_time_note(recording.scan)))),
-        voxels=binary_voxels_remark(request, scene),
         uncertain=uncertain,
     )
     known = request.alignment(recording.nominal)
@@ -118,7 +116,8 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         first = fit
         if abs(fit.chi_square - before) < CONVERGED:
             break
-    return ready(known, first)
+    times = "; ".join(filter(None, (scale_note(recording.scan), view_time_note(recording.scan))))
+    return replace(ready(known, first), time_remark=times, voxels=binary_voxels_remark(request, scene))
 
 
 def compare_images(recording: Recording, *arguments, **options) -> dict:

@@ -37,8 +37,8 @@ class DiagnosisRequest:
     seed : int
         Seed of the study, for simulated noise.
     energy_kev : float or None
-        Energy of the monochromatic beam that recording.yaml states, keV; None: that of `mu_water_per_mm`, or 60 keV for
-        a homogeneous object.
+        Energy of the monochromatic beam that recording.yaml states, keV; None: the energy of `mu_water_per_mm`, or
+        60 keV for a homogeneous object.
     protocol : ImageProtocol or None
         None for projections.
     other_scan : Volume or None

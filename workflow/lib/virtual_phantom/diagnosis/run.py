@@ -113,7 +113,7 @@ def run_diagnosis(
     if setup is not None:
         request = request.located(setup.content["location"])
     if recording.kind == "images":
-        request = with_scan(replace(request, mirrored=getattr(setup, "mirrored", False)), recording)
+        request = with_scan(replace(request, mirrored=bool(setup and setup.mirrored)), recording)
     cache, progress = start_of_fits(request, recording) if start_of_fits else (None, DiagnosisProgress())
     _, prepared = prepare_recording(request, recording)
     if physics is not None:

@@ -45,7 +45,8 @@ def scene_of(request: DiagnosisRequest) -> DiscScene | PrismScene | ShapesScene 
     if isinstance(other, ShapesObject):
         return ShapesScene(shaped_object(other).shapes, energy_of("water", request.mu_water_per_mm), request.threads)
     if isinstance(other, LabelledObject):
-        return labelled_scene(labelled_object(other), energy_of("water", request.mu_water_per_mm), request.threads)
+        labelled = read_label_map(other.labels, other.materials)
+        return labelled_scene(labelled, energy_of("water", request.mu_water_per_mm), request.threads)
     if other is not None:
         return mask_scene(other.mask, other.material, request.threads, energy)
     volume = volumes.read_nifti(request.phantom)
@@ -113,11 +114,6 @@ def shaped_object(given: ShapesObject) -> ShapedObject:
     return read_object(given.kind, given.parameters)
 
 
-def labelled_object(given: LabelledObject) -> LabelMap:
-    """Read an object that is given as a label map."""
-    return read_label_map(given.labels, given.materials)
-
-
 def binary_voxels_remark(request: DiagnosisRequest, scene: object) -> str | None:
     """Return a remark on an object whose voxels have no partial volumes, with a better choice; None for others."""
     other = request.settings.object
@@ -138,7 +134,7 @@ def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: Segment
     Each voxel is the mean of eight. A side with an odd number of voxels gets one more plane of air, and the grid keeps
     its place.
 
-    Arguments are those of DiagnosisRequest.
+    Arguments are as in DiagnosisRequest.
     """
     volume = volumes.read_nifti(phantom)
     odd = [n % 2 for n in volume.grid.shape]

@@ -33,7 +33,7 @@ def write_results(diagnosis: Diagnosis, output) -> None:
     """
     content, overlay = diagnosis.content, {}
     if diagnosis.choice is None:
-        shown, maps = diagnosis.setup.maps(), {}
+        shown, maps = diagnosis.setup.maps, {}
         unknown = isinstance(diagnosis.setup, DataMaps)
         html = data_page(content, diagnosis.setup) if unknown else setup_page(content, *shown)
     else:

@@ -117,8 +117,8 @@ def propagated_error(
     return float(np.sqrt((np.array(changes) ** 2).mean(axis=0).sum()))
 
 
-def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray], reference: str | None = None) -> Measure:
-    """Mean absolute difference between ROI means, HU: over all pairs, or from the reference ROI.
+def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray]) -> Measure:
+    """Mean absolute difference between ROI means, HU, over all pairs.
 
     Parameters
     ----------
@@ -129,18 +129,13 @@ def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray], reference: str 
     Raises
     ------
     InputError
-        If fewer than two ROIs have LEAST_ROI_VOXELS voxels, or the reference is not one of them.
+        If fewer than two ROIs have LEAST_ROI_VOXELS voxels.
     """
     used = _large_rois(rois)
     if len(used) < 2:
         raise InputError("contrast needs two ROIs in the image; there are fewer")
-    if reference is not None and reference not in used:
-        raise InputError(f"contrast: there is no ROI '{reference}'; use one of {', '.join(used)}")
-    index = None if reference is None else list(used).index(reference)
 
     def statistic(means):
-        if index is not None:
-            return float(np.abs(np.delete(means, index) - means[index]).mean())
         first, second = np.triu_indices(len(means), 1)
         return float(np.abs(means[first] - means[second]).mean())
 

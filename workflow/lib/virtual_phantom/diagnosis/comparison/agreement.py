@@ -103,8 +103,6 @@ def agreement(
     simulated: Mapping[str, np.ndarray],
     regions: Regions,
     independent: float = np.nan,
-    *,
-    reference: str | None = None,
     features: Features | None = None,
 ) -> dict:
     """Compare simulated with recorded images on one grid.
@@ -116,8 +114,6 @@ def agreement(
         last one.
     independent : float, optional
         Independent values of the noise inside the object (image_quality.independent_values).
-    reference : str, optional
-        Reference ROI of contrasts; None: all pairs.
     features : Features, optional
         None: features are not compared, which saves most of the run time.
 
@@ -138,7 +134,7 @@ def agreement(
     """
     metrics, left_out = {}, {}
     makers: dict[str, Callable[[], dict]] = {
-        "contrast": lambda: _ratio("HU", recorded, simulated, lambda x: contrast(x, regions.rois, reference)),
+        "contrast": lambda: _ratio("HU", recorded, simulated, lambda x: contrast(x, regions.rois)),
         **_noise_makers(recorded, simulated, regions, independent),
         "resolution": lambda: _ratio(
             "1/mm", recorded, simulated, lambda x: mtf_half(x, regions.distance_mm, regions.spacing, regions.valid)

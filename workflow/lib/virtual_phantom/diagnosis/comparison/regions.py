@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
@@ -16,7 +15,7 @@ from ...base.units import HU_AIR, HU_BODY, attenuation_to_hu
 from ...io.volumes import Volume, read_nifti
 from ...phantom import read_masks
 from ...physics.beam.materials import attenuation_per_mm, energy_of
-from ...physics.scenes.labeled import LabelMap
+from ...physics.scenes.labeled import LabelMap, read_label_map
 from ...physics.scenes.objects import ShapedObject
 from ...physics.scenes.scene import Pose, Scene
 from ...physics.scenes.shapes import DiscScene
@@ -28,7 +27,7 @@ from ...recordings.recording import Recording
 from ...statistics.image_quality import LEAST_ROI_VOXELS
 from ...statistics.resolution import signed_distance_mm
 from ..request import DiagnosisRequest
-from ..scanned_object import labelled_object, read_mask, shaped_object, simulated_slice
+from ..scanned_object import read_mask, shaped_object, simulated_slice
 from ..settings import LabelledObject, ShapesObject
 from .agreement import INNER_VOXELS, Regions
 
@@ -96,21 +95,17 @@ class ScannedVolume:
             geometry = recording.geometry if request.protocol is None else request.protocol.geometry
             return cls.of_shapes(shaped if shape_rois else replace(shaped, rois=()), geometry, mu_water_per_mm)
         if isinstance(settings.object, LabelledObject):
-            return cls.of_labels(labelled_object(settings.object), mu_water_per_mm)
+            labelled = read_label_map(settings.object.labels, settings.object.materials)
+            return cls.of_labels(labelled, mu_water_per_mm)
         if settings.object is not None:
-            return cls.of_mask(settings.object.mask)
+            mask = read_mask(settings.object.mask)
+            return cls._drawn(attenuation_to_hu(mask.array, 1.0), mask.grid)
         fine = read_nifti(request.phantom)
         if study_rois is None:
             return cls(fine, {}, fine.grid)
         image, rois_csv = study_rois
         grid = read_nifti(image).grid
         return cls(fine, read_masks(rois_csv, grid)[1], grid)
-
-    @classmethod
-    def of_mask(cls, mask: str | Path) -> ScannedVolume:
-        """Return a homogeneous object, without ROIs."""
-        volume = read_mask(mask)
-        return cls._drawn(attenuation_to_hu(volume.array, 1.0), volume.grid)
 
     @classmethod
     def of_labels(cls, labelled: LabelMap, mu_water_per_mm: float) -> ScannedVolume:

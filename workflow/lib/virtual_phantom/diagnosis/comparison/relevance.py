@@ -69,8 +69,8 @@ def image_changes(
     features : Features, optional
         None: features are not compared.
     paired : bool, optional
-        Whether both sets have the same noise. Errors then come from the spread of their differences; those of
-        percentages are 0.
+        Whether both sets have the same noise. Errors then come from the spread of their differences; errors
+        of percentages are 0.
 
     Returns
     -------
@@ -116,15 +116,15 @@ def agreement_and_changes(
     images : callable
         Simulated images of a fit, all with the same noise.
     noise : ndarray, shape (repeats, z, y, x), or None
-        Simulated images with independent noise, for its correlation; None: those of the chosen fit are used.
+        Simulated images with independent noise, for its correlation; None: images of the chosen fit are used.
     with_changes : bool
         Whether `practice` is part of the result (`changes_by_effect`).
 
     Returns
     -------
     dict
-        Result of agreement.agreement with rois (names), repeats (number), profile (x_mm, and mean HU of the recorded
-        images and of those before and after the diagnosis) and `practice`.
+        Result of agreement.agreement with rois (names), repeats (number), grid, profile (x_mm, and mean HU of the
+        images that are recorded, before and after the diagnosis) and `practice`.
     """
     simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
     independent = independent_values(simulated["after"] if noise is None else noise, regions.inner)
@@ -135,7 +135,8 @@ def agreement_and_changes(
     if len(profiles["recorded"][0]):
         found["profile"] = {"x_mm": profiles["recorded"][0].tolist()}
         found["profile"] |= {name: values.tolist() for name, (_, values) in profiles.items()}
-    return found | {"rois": list(regions.rois), "repeats": len(recorded)}
+    grid = {"shape": list(recorded.shape[1:]), "spacing_mm": list(regions.spacing)}
+    return found | {"rois": list(regions.rois), "repeats": len(recorded), "grid": grid}
 
 
 def middle_profile(images: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
@@ -311,8 +312,8 @@ def _of_areas(reference: np.ndarray, images: np.ndarray, regions: Regions, paire
     # images have the noise of few repeats.
     freedom, level = len(reference) + len(images) - 2, ALPHA / 2 / len(areas)
     wider = (stats.norm.isf(level) if paired or not freedom else stats.t.isf(level, freedom)) / 2
-    sure = np.abs(difference) - 2 * wider * error
-    worst = int(np.argmax(sure if np.isfinite(sure).all() else np.abs(difference)))
+    limits = np.abs(difference) - 2 * wider * error
+    worst = int(np.argmax(limits if np.isfinite(limits).all() else np.abs(difference)))
     return ImageChange(float(difference[worst]), _known(wider * error[worst]))
 
 

@@ -69,8 +69,8 @@ def agreement_of_repeats(
     Returns
     -------
     dict
-        Result of relevance.agreement_and_changes, with algorithm and grid. If the scan cannot be reconstructed, no
-        metrics but the reason.
+        Result of relevance.agreement_and_changes, with algorithm. If the scan cannot be reconstructed, no metrics but
+        the reason.
     """
     chain = prepared.fitter.model.chain
     pose, shown = pose_of(choice.chosen.fit.nuisance), scanned or chain.scene
@@ -78,24 +78,22 @@ def agreement_of_repeats(
         grid = image_grid(chain.geometry, shown.radius_mm)
         regions_of = disc_regions if scanned is None else phantom_regions
         regions = regions_of(grid, complete(chain.geometry, grid), shown, pose)
-        reconstruct = Reconstruction(chain.geometry, grid, mu_water_per_mm, repeats.usable, threads)
-        recorded = reconstruct(repeats.repeats)
+        how = repeats.usable, chain.geometry, grid, mu_water_per_mm, threads
+        recorded = reconstructed(repeats.repeats, *how)
     except InputError as error:
         return {"metrics": {}, "left_out": {"images": str(error)}}
 
     def images(fit: Fit, keys: tuple[int, ...] = (NOISE,)) -> np.ndarray:
         # A new stream for each fit, so that all have the same random numbers.
-        return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(below(seed, *keys))))
+        return reconstructed(simulated_repeats(prepared, fit, len(repeats), generator(below(seed, *keys))), *how)
 
     noise = None
     if 1 < len(repeats) < CORRELATED_REPEATS:  # as many at once as the recording has, for the memory
         sets = range(-(-CORRELATED_REPEATS // len(repeats)))
         noise = np.concatenate([images(choice.chosen.fit, (CORRELATION, number)) for number in sets])
     features = Features(regions) if scanned is not None and scanned.rois else None
-    return agreement_and_changes(recorded, images, noise, choice, regions, features, with_changes) | {
-        "algorithm": "fbp",
-        "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
-    }
+    found = agreement_and_changes(recorded, images, noise, choice, regions, features, with_changes)
+    return found | {"algorithm": "fbp"}
 
 
 def held_out_repeats(taken: Scans, further: Scans | None) -> Scans:
@@ -123,26 +121,16 @@ def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.
     return np.stack([(line + errors).astype(np.float32) for line in lines])
 
 
-class Reconstruction:
-    """Filtered back-projection of stacks of line integrals onto one grid.
+def reconstructed(
+    line_integrals: np.ndarray, usable: np.ndarray, geometry: OrbitGeometry, grid: Grid, mu_water: float, threads: int
+) -> np.ndarray:
+    """Return images by filtered back-projection, HU, shape (repeats, z, y, x); the first arguments are as in `filled`.
 
-    Parameters
-    ----------
-    usable : ndarray of bool, shape (views, rows, columns)
-        Usable rays; other rays are interpolated, in recordings and simulations.
+    `mu_water` is the attenuation of water, 1/mm.
     """
-
-    def __init__(
-        self, geometry: OrbitGeometry, grid: Grid, mu_water_per_mm: float, usable: np.ndarray, threads: int = 1
-    ):
-        self.geometry, self.grid, self.mu_water_per_mm = geometry, grid, mu_water_per_mm
-        self.usable, self.threads = usable, threads
-
-    def __call__(self, line_integrals: np.ndarray) -> np.ndarray:
-        """Reconstruct images (repeats, z, y, x), HU, from line integrals (repeats, views, rows, columns)."""
-        lines = filled(line_integrals, self.usable)
-        engine = projector("cpu", self.geometry, self.grid, len(lines), self.threads)
-        return attenuation_to_hu(fbp(engine, lines), self.mu_water_per_mm)
+    lines = filled(line_integrals, usable)
+    engine = projector("cpu", geometry, grid, len(lines), threads)
+    return attenuation_to_hu(fbp(engine, lines), mu_water)
 
 
 def filled(line_integrals: np.ndarray, usable: np.ndarray) -> np.ndarray:

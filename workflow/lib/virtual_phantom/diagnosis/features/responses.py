@@ -143,8 +143,9 @@ def responses(
         return np.stack([found[roi] for roi in rois], axis=1)
 
     plain = array(baseline)
-    classes = dict(baseline.drop_duplicates("roi").set_index("roi")["tissue_class"])
-    fold_of = folds({roi: str(classes[roi]) for roi in rois})
+    class_of = dict(baseline.drop_duplicates("roi").set_index("roi")["tissue_class"])
+    classes = {roi: str(class_of[roi]) for roi in rois}
+    fold_of = folds(classes)
     curves: dict[Property, dict[int, Curve]] = {}
     for changed in properties():
         simulated = table[table["property"] == changed.name]
@@ -160,7 +161,7 @@ def responses(
     return Responses(
         rois,
         features,
-        {roi: str(classes[roi]) for roi in rois},
+        classes,
         np.array([fold_of[roi] for roi in rois]),
         [repeats[roi][:, varies] for roi in rois],
         plain,

@@ -79,17 +79,13 @@ class Fit:
             By part of the data.
         """
         model, count = problem.model, len(problem.unknowns)
-        physics = {name: model.known(name) for name in problem.all_effects}
+        physics, nuisance = problem.named(point)
         spread: dict[str, dict[str, float]] = {name: {} for name in problem.all_effects}
-        for index, (unknown, number) in enumerate(zip(problem.unknowns, point, strict=False)):
-            physics[unknown.effect][unknown.name] = float(unknown.value(number))
-            if errors is not None:
-                spread[unknown.effect][unknown.name] = float(unknown.value_error(number, errors[index]))
+        for unknown, number, error in zip(problem.unknowns, point, () if errors is None else errors, strict=False):
+            spread[unknown.effect][unknown.name] = float(unknown.value_error(number, error))
         for name in problem.effects:
             if load(name).pattern:
                 physics[name]["rms"], spread[name]["rms"] = problem.pattern.rms, problem.pattern.error
-        aligned = list(zip(problem.nuisances, point[count:], strict=True))
-        nuisance = {number.name: float(value) for number, value in aligned}
         ends = () if errors is None else map(float, errors[count:])
         corrected = np.ravel(model.distortion(nuisance, problem.linearization)) ** 2
         return cls(
@@ -102,7 +98,11 @@ class Fit:
             parts=tuple(float((w * r**2).sum()) for w, r in zip(problem.weights, residuals, strict=True)),
             free=count + problem.patterned,
             elsewhere={name: list(model.fixed[name]) for name in problem.all_effects if name in model.fixed},
-            pulled={number.name: float(number.off(value)) for number, value in aligned if np.isfinite(number.sd)},
+            pulled={
+                number.name: float(number.off(nuisance[number.name]))
+                for number in problem.nuisances
+                if np.isfinite(number.sd)
+            },
             linearization=problem.linearization,
             corrected=float((problem.weights[0] * corrected).sum()),
             pattern=problem.pattern,
@@ -186,15 +186,19 @@ class Fitter:
         data = self.held_out if held_out else self.data
         mean, *rest = data.residuals(self.predicted(fit, held_out))
         if fit.pattern is not None:
-            field = np.where(data.usable, data.pattern_field(fit.pattern.values), 0)
-            mean = (mean.reshape(data.mean.shape) - data.whitened(field)).ravel()
+            mean = (mean.reshape(data.mean.shape) - data.whitened(data.pattern_field(fit.pattern.values))).ravel()
         return [mean, *rest]
 
-    def chi_square_beside(self, fit: Fit, pattern: Pattern) -> float:
-        """Return a fit's chi-square with the priors of another gain pattern."""
+    def comparable(self, fit: Fit, without: Fit) -> Fit:
+        """Return a fit with its chi-square by the priors of the gain pattern of the fit without its last effect.
+
+        An effect that explains a part of the pattern makes the priors narrower, which would raise chi-square.
+        """
+        if without.pattern is None:
+            return fit
         problem = Problem.at(self, fit)
-        problem.pattern = pattern
-        return problem.chi_square(problem.residuals(problem.start), problem.start)
+        problem.pattern = without.pattern
+        return replace(fit, chi_square=problem.chi_square(problem.residuals(problem.start), problem.start))
 
     def score(self, fit: Fit) -> float:
         """Return the log score of the held-out data up to a constant: minus half of chi-square."""

@@ -139,15 +139,15 @@ class JointFitter:
 
     def fit_with_fixed_physics(self, others: JointFit, starts: Mapping[str, Fit]) -> dict[str, Fit]:
         """Fit recordings with physics that was fitted to others, as `left_out` does."""
-        rest = self.without([name for name in self.fitters if name not in others.fits])
-        return {name: self._fit_one_with_fixed_physics(name, start, rest, others) for name, start in starts.items()}
+        return {name: self._fit_one_with_fixed_physics(name, start, others) for name, start in starts.items()}
 
-    def _fit_one_with_fixed_physics(self, name: str, start: Fit, rest: JointFitter, others: JointFit) -> Fit:
+    def _fit_one_with_fixed_physics(self, name: str, start: Fit, others: JointFit) -> Fit:
         """Fit one recording with physics that was fitted to others."""
         fitter, effects = self.fitters[name], others.effects
-        alike = [other for other in rest.fitters if rest.protocols[other] == self.protocols[name]]
+        rest = [other for other in self.fitters if other in others.fits]
+        alike = [other for other in rest if self.protocols[other] == self.protocols[name]]
         owners = NOT_OF_SCAN if alike else (OF_SCANNER,)
-        source = others.fits[(alike or list(rest.fitters))[0]]
+        source = others.fits[(alike or rest)[0]]
         fixed_fitter = fitter.of(copy.copy(fitter.model))
         whole = self.with_declared_effects(effects)
         fixed_fitter.model.fixed = {

@@ -193,27 +193,18 @@ class Model(ABC):
 
     def distortion(self, nuisance: Mapping[str, float], linearization: Linearization = BASE) -> np.ndarray | float:
         """Return the correction of numerical errors that is added to the mean, broadcastable to it."""
-        return 0.0
+        return sum(nuisance[name] * change for name, change in self.discretization_errors(linearization).items())
 
     def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """Return {nuisance parameter: change of the mean by finer discretization}; empty if there is none."""
         return {}
 
-    @property
-    def object_error_names(self) -> tuple[str, ...]:
-        """Names of the nuisance parameters that are errors of the stated object."""
-        return self.object_errors.names
-
     def with_exact_object(self) -> Model:
         """Return the model without errors of the stated object."""
-        found, names = copy.copy(self), self.object_error_names
+        found, names = copy.copy(self), self.object_errors.names
         found.object_errors = self.object_errors.of_edges()
         found.base_nuisances = tuple(number for number in self.base_nuisances if number.name not in names)
         return found
-
-    def object_changes(self, data: Observed) -> np.ndarray:
-        """Return the whitened changes of the mean per unit of `object_error_names`, shape (numbers, data)."""
-        return self.object_errors.whitened(data)
 
     @property
     def source_angles_rad(self) -> np.ndarray | None:

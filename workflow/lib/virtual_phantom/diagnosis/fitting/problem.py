@@ -26,7 +26,7 @@ STEP, ALIGNMENT_STEP = 2e-3, 4e-3
 # tenths of their effect. With steps eight times as large, derivatives had errors of 3 to 5 %, and fits of source
 # distances ended 3 to 24 above the minimum of chi-square.
 MOVING_STEPS = {GEOMETRY: 2.5e-4, MOTION: 2.5e-4, FOCAL_SPOT: 2e-3}
-# Factor of the linear range for these derivatives and those of the pose, so that all use the same traced rays. A blur
+# Factor of the linear range for derivatives by these and by the pose, so that all use the same traced rays. A blur
 # has no derivative of first order, so the range of its rays is not extended.
 SLOPE_REACH = 2.0
 UNKNOWN_STEP = 1e-3  # of a nuisance parameter without prior knowledge
@@ -186,7 +186,7 @@ class Problem:
         """Recompute numerical errors if a point is too far from where they were computed; return True if so."""
         if self.linearized == MOST_LINEARISATIONS:
             return False
-        physics, nuisance = self._named(point)
+        physics, nuisance = self.named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         if not self.model.needs_relinearization(self.linearization.errors, nuisance, prediction, self.weights[0]):
             return False
@@ -196,7 +196,7 @@ class Problem:
 
     def follow(self, point: np.ndarray) -> bool:
         """Trace the rays of a point if they are out of the linear range; return True if so."""
-        physics, nuisance = self._named(point)
+        physics, nuisance = self.named(point)
         if self.model.in_linear_range(physics, nuisance, self.linearization.rays):
             return False
         self.linearization = replace(self.linearization, rays=LinearizationPoint.of(physics, nuisance))
@@ -204,7 +204,7 @@ class Problem:
 
     def residuals(self, point: np.ndarray, reach: float = 1.0) -> list[np.ndarray]:
         """Return observed minus predicted data, by part, shape (data,), with whitened noise, beside a gain pattern."""
-        prediction = self.model.predict(*self._named(point), self.data, replace(self.linearization, reach=reach))
+        prediction = self.model.predict(*self.named(point), self.data, replace(self.linearization, reach=reach))
         return self.beside_pattern(self.data.residuals(prediction))
 
     def beside_pattern(self, parts: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -224,7 +224,7 @@ class Problem:
         """Return residuals or changes of the data, by part, in standard deviations, beside a gain pattern."""
         return whitened(self.beside_pattern(parts), self.weights)
 
-    def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
+    def named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Return a point as parameters by effect, and nuisance parameters by name."""
         physics = {name: self.model.known(name) for name in self.all_effects}
         for unknown, number in zip(self.unknowns, point, strict=False):
@@ -238,12 +238,12 @@ class Problem:
         Predictions are linear in these, and they compensate for part of most effects. Without this step, fits converge
         slowly along narrow, curved valleys.
         """
-        physics, nuisance = self._named(point)
+        physics, nuisance = self.named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
         residuals = self.beside_pattern(self.data.residuals(prediction))
-        index = self.positions(("scale", "offset", *self.model.object_error_names))
-        changes = (self.data.whitened(np.where(self.data.usable, column, 0)).ravel() for column in prediction.design)
-        changes = (*changes, *self.model.object_changes(self.data))
+        index = self.positions(("scale", "offset", *self.model.object_errors.names))
+        changes = (self.data.whitened(column).ravel() for column in prediction.design)
+        changes = (*changes, *self.model.object_errors.whitened(self.data))
         design, weight = np.stack([self.beside_pattern([change])[0] for change in changes]), self.weights[0]
         weighted = design * weight
         information = weighted @ design.T + np.diag(self.prior_precision[index])
@@ -367,8 +367,8 @@ class Problem:
 
     def derivative(self, index: int, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray]:
         """Return the change of predictions per unit of one number, by part, as a one-sided difference."""
-        if (name := self._name(index)) in self.model.object_error_names:
-            change = self.model.object_changes(self.data)[self.model.object_error_names.index(name)]
+        if (name := self._name(index)) in self.model.object_errors.names:
+            change = self.model.object_errors.whitened(self.data)[self.model.object_errors.names.index(name)]
             return self.beside_pattern([change, *(np.zeros_like(part) for part in residuals[1:])])
         step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
         moved = point.copy()

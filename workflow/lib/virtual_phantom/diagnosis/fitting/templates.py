@@ -12,16 +12,17 @@ from .fit import Fit, Fitter
 from .problem import MOVING_STEPS, SLOPE_REACH, Problem, whitened
 from .unknown import Unknown
 
-SMALL = 1e-9  # of a template's square: rounding of one that the nuisance parameters absorb entirely
+SMALL = 1e-9  # share of a template's square that remains by rounding if nuisance parameters absorb it entirely
 
 
 def data_changes(problem: Problem) -> np.ndarray:
     """Return the change of the whitened data per unit of every number, shape (data, numbers)."""
-    jacobian = problem.jacobian_at_start()
-    columns = [
-        whitened([rows[index] for rows in jacobian], problem.weights) / step for index, step in enumerate(problem.steps)
-    ]
-    return np.stack(columns, axis=1)
+    return np.stack(whitened_columns(problem.jacobian_at_start(), problem.weights, problem.steps), axis=1)
+
+
+def whitened_columns(jacobian: list[np.ndarray], weights: list[np.ndarray], steps: np.ndarray) -> list[np.ndarray]:
+    """Return the change of the whitened data per unit of every number, from a Jacobian per step."""
+    return [whitened([rows[index] for rows in jacobian], weights) / step for index, step in enumerate(steps)]
 
 
 def with_priors(columns: np.ndarray, problem: Problem) -> np.ndarray:
@@ -30,11 +31,6 @@ def with_priors(columns: np.ndarray, problem: Problem) -> np.ndarray:
     A number then absorbs only as much of a change as its prior allows.
     """
     return np.vstack([columns, np.diag(np.sqrt(problem.prior_precision))])
-
-
-def changes(problem: Problem) -> np.ndarray:
-    """Return `data_changes` with the priors appended."""
-    return with_priors(data_changes(problem), problem)
 
 
 def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
@@ -47,6 +43,11 @@ def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
 def varied(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
     """Return the parameters with a neutral value; each of them has its own template."""
     return tuple(parameter for parameter in parameters if parameter.neutral is not None)
+
+
+def neutral_values(parameters: Sequence[Parameter]) -> dict[str, float]:
+    """Return the neutral values of the parameters that have one, by name."""
+    return {parameter.name: parameter.neutral for parameter in varied(parameters)}
 
 
 def strength(parameter: Parameter) -> float:
@@ -79,9 +80,8 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
         number = min(max(parameter.to_variable(parameter.typical), unknown.low), unknown.high)
         typical[parameter.name] = unknown.value(number)
     typical |= fitter.model.known(name)
-    parameters = varied(every)
-    off = {parameter.name: parameter.neutral for parameter in parameters}
-    steps = [_step(name, parameter, ranges[parameter.name]) for parameter in parameters]
+    off = neutral_values(every)
+    steps = [_step(name, parameter, ranges[parameter.name]) for parameter in varied(every)]
     rows = []
     for shape in shapes:
         for strong, times, reach in steps or [({}, 1.0, 1.0)]:
@@ -98,6 +98,6 @@ def _step(name: str, parameter: Parameter, unknown: Unknown) -> tuple[dict[str, 
     strong = strength(parameter)
     if not load(name).moves(parameter):
         return {parameter.name: strong}, 1.0, 1.0
-    step = MOVING_STEPS[load(name).stage] * (unknown.high - unknown.low)  # their number is the value itself
+    step = MOVING_STEPS[load(name).stage] * (unknown.high - unknown.low)  # the variable is the parameter itself
     step = min(step, abs(strong - parameter.neutral)) * np.sign(strong - parameter.neutral)
     return {parameter.name: parameter.neutral + step}, float((strong - parameter.neutral) / step), SLOPE_REACH

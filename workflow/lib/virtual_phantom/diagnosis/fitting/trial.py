@@ -9,6 +9,7 @@ from scipy import stats
 from ...physics.effect import load
 from ..noise import gain_pattern
 from .fit import Fit, Fitter
+from .joint_fit import JointFit
 
 
 @dataclass(frozen=True)
@@ -39,18 +40,16 @@ def trial(
     """
     start = None if given is None else given.fit
     fit = fitter.fit(effects, start, from_farther=against is not None, with_errors=with_errors)
-    p = 1.0 if against is None else effect_p_value(fitter, fit, against.fit, effects[-1])
+    p = 1.0 if against is None else effect_p_value(fitter.comparable(fit, against.fit), against.fit, effects[-1])
     return Trial(fit, fitter.score(fit), p)
 
 
-def effect_p_value(fitter: Fitter, fit: Fit, without: Fit, effect: str) -> float:
-    """Return an effect's p-value from the likelihood ratio of fits with and without it.
+def effect_p_value(fit: Fit | JointFit, without: Fit | JointFit, effect: str) -> float:
+    """Return an effect's p-value from the likelihood ratio of fits with and without it (see Fitter.comparable).
 
-    The p-value of a gain pattern comes from its size. Other effects beside a gain pattern are tested with the priors of
-    the fit without them: with an effect's help, the priors become narrower, and chi-square would rise.
+    The p-value of a gain pattern comes from its size.
     """
     if load(effect).pattern:
         return gain_pattern.pattern_p_value(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
-    left = fit.chi_square if without.pattern is None else fitter.chi_square_beside(fit, without.pattern)
-    lost = max(0.0, without.chi_square - left)
+    lost = max(0.0, without.chi_square - fit.chi_square)
     return float(stats.chi2.sf(lost, max(1, fit.free - without.free)))

@@ -33,7 +33,7 @@ CUBIC = 3  # order of splines, which blur less than linear interpolation
 def with_other_scan(request: DiagnosisRequest, recording: ImagesRecording) -> DiagnosisRequest:
     """Return the request with the other scan at the slices of the recording; itself if the object is no scan.
 
-    The scan keeps its own pixels. Heights are those of the files.
+    The scan keeps its own pixels. Heights are read from the files.
 
     Raises
     ------
@@ -86,8 +86,8 @@ def heights_mm(grid: Grid) -> np.ndarray:
     return grid.centre_mm[2] + grid.axes_mm()[0]
 
 
-def apart(count: int, step: int) -> tuple[slice, slice]:
-    """Return alternate slices: those that the model has, and those that are compared.
+def alternate_slices(count: int, step: int) -> tuple[slice, slice]:
+    """Return alternate slices: the slices of the model, and the compared slices.
 
     A model with the noise of the compared slices would fit better if an effect smoothed it. Slices at the distance
     `step` have independent noise. Both have the same mean height.

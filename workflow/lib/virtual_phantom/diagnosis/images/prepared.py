@@ -60,7 +60,7 @@ class PreparedImages(Prepared):
     Attributes
     ----------
     noise_of_scan : float or None
-        Noise of another scan in place of an object, over that of the recording (standard deviations).
+        Ratio of noise standard deviations: another scan in place of an object, over the recording.
     """
 
     noise_of_scan: float | None = None
@@ -75,7 +75,7 @@ class PreparedImages(Prepared):
     def caveats(self, fit: Fit) -> list[str]:
         """See Prepared.caveats; with the noise spectrum of slices, which is not fitted."""
         model, ratio = self.fitter.model, self.noise_of_scan
-        if ratio is not None:  # the noise is that of both scans
+        if ratio is not None:  # the fitted noise includes both scans
             if ratio < 1 + NOISE_DIFFERS:
                 return []
             return [f"The other scan has {ratio:.2g} times the noise of the recording: small differences are not seen."]
@@ -212,14 +212,14 @@ def prepare(
     white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1), least)
     log_photons = np.log(nominal_photons or photons)
     # Noise that is not fitted does not determine the photons, so they need a prior.
-    stays = nominal_photons or len(fitted) == 1 or of_slices
+    needs_prior = nominal_photons or len(fitted) == 1 or of_slices
     errors = ObjectErrors()
     if uncertain is not None:
         numbers, changes, *_ = uncertain.amounts(chain.geometry, chain.samples, pose)
         if numbers:
             images = [white(reconstruct(change[None])[0] - HU_AIR).astype(np.float32) for change in changes]
             errors = ObjectErrors(numbers, np.stack(images))
-    final = model(log_photons, NOMINAL_PHOTONS_SD if stays else np.inf, object_errors=errors)
+    final = model(log_photons, NOMINAL_PHOTONS_SD if needs_prior else np.inf, object_errors=errors)
     if of_slices:
         final.recorded_noise, nulls = recorded_noise, noise
         if known_image is not None:
@@ -248,7 +248,7 @@ def prepare(
 def _noise(
     taken: np.ndarray, expected: np.ndarray, simulated: np.ndarray, valid: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Return images of noise, and its variance relative to that of simulated noise.
+    """Return images of noise, and its variance relative to simulated noise.
 
     Parameters
     ----------

@@ -100,19 +100,19 @@ def _symmetric(count: int, half: int, binned: int) -> slice:
     return slice(away, count - away)
 
 
-def scan_of_images(recording: ImagesRecording, request: DiagnosisRequest) -> tuple[ImageProtocol, tuple[str, ...]]:
-    """Return the scan and reconstruction that simulate images of an object, and the keys that are assumed.
+def scan_of_images(recording: ImagesRecording, request: DiagnosisRequest) -> ImageProtocol:
+    """Return the scan and reconstruction that simulate images of an object.
 
     Raises
     ------
     InputError
         See `imaged_object`.
     """
-    stated, grid = recording.scan, recording.grid
+    grid = recording.grid
     imaged = imaged_object(request, grid)
     away = math.hypot(*(request.settings.location.get(axis, 0.0) for axis in ("x_mm", "y_mm")))
     radius = imaged.radius_mm + away + 2 * MARGIN_MM
-    scan = dict(stated)
+    scan = dict(recording.scan)
     to_detector = scan.get("source_to_detector_mm")
     if to_detector is None:
         to_detector = scan.get("source_to_isocentre_mm", DISTANCES_MM[0]) * DISTANCES_MM[1] / DISTANCES_MM[0]
@@ -135,7 +135,6 @@ def scan_of_images(recording: ImagesRecording, request: DiagnosisRequest) -> tup
         "views_per_rotation", scan.get("views", 2 * math.ceil(math.pi * imaged.radius_mm / (VIEW_OVER_VOXEL * voxel)))
     )
     scan.setdefault("rotation_time_ms", ROTATION_MS)
-    assumed = tuple(key for key in ASSUMED if key not in stated)
     if imaged.prism:
         scan["rows"], scan["trajectory"] = 1, "circular"
     spots = tuple(FocalSpot(**{key: spot.get(key, 0.0) for key in SPOT}) for spot in scan.get("flying_focal_spot", ()))
@@ -153,7 +152,7 @@ def scan_of_images(recording: ImagesRecording, request: DiagnosisRequest) -> tup
         **{key: scan[key] for key in COPIED},
     )
     views = round(scan["views_per_rotation"])
-    protocol = ImageProtocol(
+    return ImageProtocol(
         settings,
         GridSettings((1, *grid.shape[1:]) if imaged.prism else grid.shape, grid.spacing, oversampling=1),
         projections=views,
@@ -161,11 +160,10 @@ def scan_of_images(recording: ImagesRecording, request: DiagnosisRequest) -> tup
         settings=_sharp(scan["column_pitch_mm"] / enlarged),
         engine="cpu",
     )
-    return protocol, assumed
 
 
 def _sharp(pitch_mm: float) -> FbpSettings:
-    """Return a reconstruction without more blur than that of detector pixels with this distance at the isocenter."""
+    """Return a reconstruction that blurs no more than detector pixels with this distance at the isocenter."""
     nyquist_per_cm = 10 / (2 * pitch_mm)
     return FbpSettings("coverage", KernelSettings(MTF50 * nyquist_per_cm, MTF10 * nyquist_per_cm))
 
@@ -186,7 +184,7 @@ def with_scan(request: DiagnosisRequest, recording: ImagesRecording) -> Diagnosi
     if request.protocol is not None:
         return request
     energy = request.energy_kev or energy_of("water", request.mu_water_per_mm)  # at which water has 0 HU
-    return replace(request, protocol=scan_of_images(recording, request)[0], energy_kev=energy)
+    return replace(request, protocol=scan_of_images(recording, request), energy_kev=energy)
 
 
 COPIED = (

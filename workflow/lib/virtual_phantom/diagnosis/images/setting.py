@@ -34,7 +34,7 @@ from ..scanned_object import MOST_SLICES, scene_of, simulated_object
 from ..selection.forward_selection import Choice
 from ..workload import SAMPLES
 from .model import REALIZATIONS
-from .other_scan import apart, placed
+from .other_scan import alternate_slices, placed
 from .own_simulation import simulated_images
 from .prepared import PreparedImages, prepare
 from .scan import MARGIN_MM, ImagedObject, finer_scan, imaged_object
@@ -214,7 +214,7 @@ def compare_scans(
         raise InputError(f"{path}: has the images of the recording; give another scan of the object")
     # Along z, noise changes more than the object.
     variance, of_scan = (_variogram(one[None], valid)[2] for one in (recorded, shown))
-    modeled, compared = apart(len(shown), 1 + len(slice_correlations(difference[None], valid, INDEPENDENT)))
+    modeled, compared = alternate_slices(len(shown), 1 + len(slice_correlations(difference[None], valid, INDEPENDENT)))
     mean, error = (one[modeled].mean(axis=0, keepdims=True) for one in (shown, shown - linear))
     return ComparedScans(modeled, mean, error, (difference[compared] + mean)[None], math.sqrt(of_scan / variance))
 
@@ -258,7 +258,7 @@ def slices_as_repeats(stacks: np.ndarray) -> np.ndarray:
 def correlated_variance(stacks: np.ndarray, valid: np.ndarray) -> float:
     """Return the variance of a mean of slices, times their number, over the mean sample variance of the slices.
 
-    Noise of neighboring slices is correlated, so their mean has more noise than that of independent slices, and their
+    Noise of neighboring slices is correlated, so their mean has more noise than with independent slices, and their
     sample variance is too small. The correlation is estimated from differences of slices (a variogram), and of
     neighboring voxels, so that slow changes of the object have no influence.
 
@@ -287,7 +287,7 @@ def correlated_variance(stacks: np.ndarray, valid: np.ndarray) -> float:
 def slice_correlations(stacks: np.ndarray, valid: np.ndarray, least: float) -> list[float]:
     """Return correlations of the noise of slices by their distance, from 1, up to the first below `least`.
 
-    Other arguments are those of correlated_variance.
+    Other arguments are as in correlated_variance.
     """
     return _correlations(*_variogram(stacks, valid)[1:], least)
 
@@ -363,7 +363,5 @@ def agreement_of_images(
     fit = choice.chosen.fit
     noise = model.noise_images(fit.physics, fit.nuisance, fit.linearization) if len(repeats) > 1 else None
     features = None if scanned is None else Features(regions)
-    return agreement_and_changes(repeats, images, noise, choice, regions, features, with_changes) | {
-        "algorithm": request.protocol.algorithm,
-        "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
-    }
+    found = agreement_and_changes(repeats, images, noise, choice, regions, features, with_changes)
+    return found | {"algorithm": request.protocol.algorithm}

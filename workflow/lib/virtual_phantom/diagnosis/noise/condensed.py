@@ -120,9 +120,10 @@ class Observed:
         """Blocks of which the variance is known."""
         return self.blocks if self.coarser is None else self.coarser
 
-    def whitened(self, residual: np.ndarray) -> np.ndarray:
-        """Whiten a residual of the mean."""
-        return residual if self.whitening is None else self.whitening(residual)
+    def whitened(self, change: np.ndarray) -> np.ndarray:
+        """Whiten a change of the mean, with 0 for data that are not used."""
+        used = np.where(self.usable, change, 0)
+        return used if self.whitening is None else self.whitening(used)
 
     def as_recorded(self, whitened: np.ndarray) -> np.ndarray:
         """Undo the whitening of a residual."""
@@ -147,7 +148,7 @@ class Observed:
 
     def residuals(self, prediction: Prediction) -> list[np.ndarray]:
         """Return observed minus predicted data, by part; the mean's noise is whitened."""
-        found = [self.whitened(np.where(self.usable, self.mean - prediction.mean, 0)).ravel()]
+        found = [self.whitened(self.mean - prediction.mean).ravel()]
         if self.variance is not None:
             found.append(self._of_variance(prediction))
             found.append(np.nan_to_num(self.correlation - prediction.correlation))

@@ -86,7 +86,7 @@ def estimate(
     """Estimate the pattern in residuals with weights 1 / variance, shape (views, rows, columns).
 
     The constants are modeled as independent normal values, whose variance is the mean square of their rough part less
-    that of noise. A smooth part that is larger than expected of such values is other physics (the shadow of a disc is
+    noise. A smooth part that is larger than expected of such values is other physics (the shadow of a disc is
     equal in all views), and not part of the pattern.
 
     Parameters

@@ -31,8 +31,7 @@ def candidate_measurements(geometry: OrbitGeometry, scene: object, own: Mapping)
     """
     like = {key: own[key] for key in ("disc", "object") if key in own}
     again = FurtherScan(SAME, "the same scan again", scene, geometry, section=like)
-    radius = scene.radius_mm
-    found: list[FurtherScan | DarkFrames] = [again, *([] if geometry.parallel else _distances(again, radius))]
+    found: list[FurtherScan | DarkFrames] = [again, *([] if geometry.parallel else _distances(again))]
     found.append(replace(again, name="half_current", words="the same scan at half the tube current", photons=0.5))
     if geometry.view_interval_ms is not None:
         found.append(_slower(again))
@@ -46,7 +45,7 @@ def candidate_measurements(geometry: OrbitGeometry, scene: object, own: Mapping)
     direction = {"direction": -1 if geometry.angles_rad[1] > geometry.angles_rad[0] else 1}
     words = "the same scan, turning the other way"
     found.append(replace(again, name="other_way", words=words, geometry=mirrored, scan=direction))
-    found += _objects(again, geometry, getattr(scene, "energy_kev", None))
+    found += _objects(again)
     nothing = {"kind": "ball", "parameters": {"diameter_mm": 1, "material": "air"}}
     section = {"object": nothing, "check_setup": False}
     scene = ShapesScene(read_object(**nothing).shapes)
@@ -55,8 +54,8 @@ def candidate_measurements(geometry: OrbitGeometry, scene: object, own: Mapping)
     return found
 
 
-def _distances(again: FurtherScan, radius_mm: float) -> Iterator[FurtherScan]:
-    geometry = again.geometry
+def _distances(again: FurtherScan) -> Iterator[FurtherScan]:
+    geometry, radius_mm = again.geometry, again.scene.radius_mm
     source, detector = geometry.source_to_isocentre_mm, geometry.source_to_detector_mm
     nearer = source / MAGNIFIED
     far = min(source * MAGNIFIED, NEAREST * detector)
@@ -94,7 +93,8 @@ def _narrow(again: FurtherScan) -> FurtherScan | None:
     return replace(again, name="narrow_beam", words=words, geometry=narrow, scan={"rows": left})
 
 
-def _objects(again: FurtherScan, geometry: OrbitGeometry, energy_kev: float | None) -> Iterator[FurtherScan]:
+def _objects(again: FurtherScan) -> Iterator[FurtherScan]:
+    geometry, energy_kev = again.geometry, getattr(again.scene, "energy_kev", None)
     radius_mm = geometry.field_of_view_radius_mm
     high = geometry.rows * geometry.row_pitch_mm / geometry.magnification
     pixel = geometry.column_pitch_mm / geometry.magnification

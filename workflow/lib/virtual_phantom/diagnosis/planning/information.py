@@ -84,7 +84,7 @@ def keys_of(problem: Problem, name: str, own: Collection[str] = (), protocol: st
     numbers = ((unknown.effect, unknown.name) for unknown in problem.unknowns)
     keys = [(owner, *number) if owner else number for owner, number in zip(owners, numbers, strict=True)]
     # Scans of one object share its errors.
-    shared, scanned = problem.model.object_error_names, f"object {id(problem.model.chain.scene)}"
+    shared, scanned = problem.model.object_errors.names, f"object {id(problem.model.chain.scene)}"
     aligned = [(scanned if number.name in shared else name, "alignment", number.name) for number in problem.nuisances]
     return (*keys, *aligned)
 

@@ -16,6 +16,7 @@ from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import before_images
 from ..fitting.nuisance import Nuisance, pose_of
 from ..fitting.problem import Problem
+from ..fitting.templates import neutral_values
 from ..noise.condensed import Blocks
 from ..projections.model import ScansModel
 from ..projections.object_errors import ObjectErrors
@@ -28,7 +29,7 @@ MOST_RAYS, LEAST_VIEWS = 1.5e4, 24
 # Steps of derivatives: object displacement in pixels, and largest share of a parameter's range. With a tenth of a pixel
 # or more, detector offset and center of rotation of a centered disc, which are equivalent, had a correlation of 0.98.
 MOVED, STEP = 1 / 60, 0.02
-LEAST_STEP = 0.03  # least step relative to that of a fit, for scans in which a displacement has no effect; a choice
+LEAST_STEP = 0.03  # least step relative to the step of a fit, for scans in which a displacement has no effect; a choice
 # Uncertainty of the dark signal from dark frames before and after a scan, relative to the signal in air; a choice.
 DARK_SD = 1e-5
 ROUNDING = 1 / 12  # variance of a reading in whole units
@@ -67,9 +68,9 @@ class FurtherScan:
     photons : float
         Photons per pixel and view, relative to the existing scan.
     known : mapping of str to float
-        Standard deviations of the alignment that differ from those of the existing scan.
-    scan, nominal : mapping
-        Entries that differ in recording.yaml.
+        Standard deviations of the alignment, where they differ from the existing scan.
+    scan : mapping
+        Entries of section `scan` of recording.yaml that differ.
     section : mapping or None
         Section diagnosis.recordings.<name> of the configuration; None: as for the existing recording.
     """
@@ -81,7 +82,6 @@ class FurtherScan:
     photons: float = 1.0
     known: Mapping[str, float] = field(default_factory=dict)
     scan: Mapping = field(default_factory=dict)
-    nominal: Mapping = field(default_factory=dict)
     section: Mapping | None = None
 
     def chain(self, like: Chain) -> Chain:
@@ -152,11 +152,10 @@ class FurtherScan:
         further = ScansModel(chain, aligned, anode=model.anode, object_errors=errors, **known)
 
         def here(one: Fit) -> Fit:
-            physics = {name: dict(values) for name, values in one.physics.items()}
-            for name in off:
-                for parameter in further.parameters(name) if name in physics else ():
-                    if parameter.neutral is not None:
-                        physics[name][parameter.name] = parameter.neutral
+            physics = {
+                name: values | (neutral_values(further.parameters(name)) if name in off else {})
+                for name, values in one.physics.items()
+            }
             expected = {number.name: number.expected for number in further.nuisances_for(fit.effects)}
             nuisance = {name: one.nuisance[name] if again else value for name, value in expected.items()}
             return replace(one, effects=fit.effects, physics=physics, nuisance=nuisance, linearization=model.nominal)
@@ -182,8 +181,8 @@ class FurtherScan:
     def _aligned(self, model: ScansModel, fit: Fit) -> tuple[Nuisance, ...]:
         found = []
         for number in model.base_nuisances:
-            if number.name in (*model.distortions, *model.object_error_names):
-                continue  # more rays and smaller voxels make them small; errors of the object are those of this scan
+            if number.name in (*model.distortions, *model.object_errors.names):
+                continue  # more rays and smaller voxels make them small; this scan has its own errors of the object
             expected = number.expected
             if number.name == "log_photons":
                 expected = fit.nuisance[number.name] + np.log(self.photons)
@@ -193,7 +192,7 @@ class FurtherScan:
         return tuple(found)
 
     def _object_errors(self, model: ScansModel, chain: Chain, aligned: Sequence[Nuisance]) -> ObjectErrors:
-        """Return the errors of the scanned object; those of the existing recording's object are shared with it."""
+        """Return the errors of the scanned object; scans of the existing recording's object share its errors."""
         stated = model.object_errors.stated
         if stated is None:  # it is known exactly
             return ObjectErrors()
@@ -211,12 +210,11 @@ class DarkFrames:
     words: str
     section: Mapping | None = None
     scan: Mapping = field(default_factory=dict)
-    nominal: Mapping = field(default_factory=dict)
 
     def information(self, model: ScansModel, fit: Fit, *_, **__) -> MeasurementInformation:
         """Return the information about dark signal, its drift and electronic noise.
 
-        The arguments are those of FurtherScan.information; only the first two are used.
+        The arguments are as in FurtherScan.information; only the first two are used.
         """
         unknowns = model.unknowns(model.with_declared_effects(fit.effects))
         geometry = model.chain.geometry

@@ -13,8 +13,7 @@ from ...physics.effect import load, scan_effects
 from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFitter
 from ..fitting.model import Model
-from ..fitting.problem import Problem
-from ..fitting.templates import SMALL, templates, varied
+from ..fitting.templates import SMALL, neutral_values, templates, varied
 from ..projections.prepared import BY_VIEW, PreparedScans
 from ..selection.forward_selection import AS_GOOD, without_effect
 from .candidates import candidate_measurements
@@ -218,15 +217,10 @@ def _all_at_once(prepared, chosen: Fits, ambiguities: Sequence[Ambiguity]) -> Fi
         for ambiguity in ambiguities:
             for effect, fits in ambiguity.fits.items():
                 if effect not in physics:
-                    physics[effect] = _switched_off(model, effect, fits[name].physics[effect])
-        declared = set(physics) - set(fit.effects) - set(fit.physics)
-        found[name] = replace(fit, effects=(*fit.effects, *sorted(declared)), physics=physics)
+                    physics[effect] = fits[name].physics[effect] | neutral_values(model.parameters(effect))
+        added = set(physics) - set(fit.effects) - set(fit.physics)
+        found[name] = replace(fit, effects=(*fit.effects, *sorted(added)), physics=physics)
     return found
-
-
-def _switched_off(model: Model, effect: str, values: Mapping[str, float]) -> dict[str, float]:
-    off = {parameter.name: parameter.neutral for parameter in varied(model.parameters(effect))}
-    return {**values, **off}
 
 
 def _keys(parts: Sequence[MeasurementInformation], group: Sequence[str]) -> list[Key]:
@@ -285,12 +279,12 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
     physics = dict(fit.physics)
     for name in weak:
         typical = {parameter.name: parameter.typical for parameter in model.parameters(name)}
-        physics[name] = _switched_off(model, name, typical | model.known(name))
+        physics[name] = typical | model.known(name) | neutral_values(model.parameters(name))
     with_weak = replace(fit, effects=tuple(weak), physics=physics)
     beside = scan.information(model, with_weak, conditions, again=True)
     keys = [("template", *key) if key[0] in weak else key for key in beside.keys]
     problem, rows = scan.problem(model, replace(fit, effects=()), conditions, again=True), []
-    point = replace(fit, nuisance=_named(problem), linearization=problem.linearization)
+    point = replace(fit, nuisance=problem.named(problem.start)[1], linearization=problem.linearization)
     for name in (name for name in names if name not in weak and name not in fit.physics):
         made = templates(problem.fitter, point, name)
         rows.append(made)
@@ -306,12 +300,6 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
         np.vstack([beside.margins, np.tile([-np.inf, np.inf], (more, 1))]),
         np.concatenate([beside.steps, none]),
     )
-
-
-def _named(problem: Problem) -> dict[str, float]:
-    """Return the alignment at the start of a problem, by name."""
-    values = problem.start[len(problem.unknowns) :]
-    return {number.name: float(value) for number, value in zip(problem.nuisances, values, strict=True)}
 
 
 def settles(ranked: RankedMeasurement) -> bool:

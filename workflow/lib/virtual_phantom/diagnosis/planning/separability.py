@@ -17,7 +17,7 @@ from scipy.spatial.distance import squareform
 from ...physics.effect import load
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
-from ..fitting.templates import SMALL, changes, projected, templates, varied, whitened
+from ..fitting.templates import SMALL, data_changes, projected, templates, varied, whitened, with_priors
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,8 @@ class Template:
 
 def templates_of_effects(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
     """Return the templates of effects at a fit; a gain pattern has the template of one random realization."""
-    basis, found = np.linalg.qr(changes(Problem.at(fitter, fit)))[0], []
+    problem, found = Problem.at(fitter, fit), []
+    basis = np.linalg.qr(with_priors(data_changes(problem), problem))[0]
     for name in names:
         if load(name).pattern:
             labels, rows = [None], _gain_pattern_template(fitter, fit, name)[None]
@@ -68,7 +69,7 @@ def _gain_pattern_template(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
         fitter.model.chain.state(physics, photons=photons, anode=fitter.model.anode).line_integrals()
         for physics in (fit.physics, fit.physics | {name: effect.values({})})
     )
-    mean = data.whitened(np.where(data.usable, with_it - without, 0)).ravel()
+    mean = data.whitened(with_it - without).ravel()
     rest = data.residuals(fitter.predicted(fit))[1:]
     return whitened([mean, *(np.zeros_like(part) for part in rest)], fitter.weights)
 
@@ -98,7 +99,7 @@ def absorbed_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
         Whitened.
     """
     problem = Problem.at(fitter, fit)
-    basis, triangle = np.linalg.qr(changes(problem))
+    basis, triangle = np.linalg.qr(with_priors(data_changes(problem), problem))
     scale = np.linalg.norm(triangle, axis=0)
     bounds = (problem.low - problem.start) * scale, (problem.high - problem.start) * scale
     found = []

@@ -77,17 +77,15 @@ def similarity_table(alike: Mapping[Pair, Mapping[str, float]]) -> pd.DataFrame:
     return pd.DataFrame(rows).sort_values("together", ascending=False, na_position="last", ignore_index=True)
 
 
-def best_measurement_text(found: MeasurementRanking) -> list[str]:
-    """Return the best measurement in words, as a list; empty without a measurement."""
-    if not found.ranked:
-        return []
+def best_measurement_text(found: MeasurementRanking) -> str:
+    """Return the best measurement in words."""
     first = found.ranked[0]
     about = " and about ".join(" or ".join(map(label, ambiguity.fits)) for ambiguity in found.ambiguities)
     about = about or "the missing effects"
     words = f"{first.measurement.words} (+{first.gain:.1f} nats of information about {about}"
     if first.least is not None:
         words += f"; expected log score between them {first.least:.0f}, now {found.now.least:.0f}"
-    return [words + ")"]
+    return words + ")"
 
 
 def recording_template(name: str, ranked: RankedMeasurement, content: Mapping, settings: Mapping, repeats: int) -> str:

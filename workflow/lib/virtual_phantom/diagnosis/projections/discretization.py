@@ -80,14 +80,14 @@ class Numerical:
 
     def at(self, linearization: LinearizationPoint = NOMINAL) -> dict[str, np.ndarray]:
         """Return each error, shape (views, rows, columns), by name."""
-        return self._made(linearization)[0]
+        return self._made(linearization)[0] if self.names else {}
 
     def left(self, linearization: LinearizationPoint = NOMINAL) -> tuple[np.ndarray, ...]:
         """Return the SD that each error has after it is fitted, shape (views, rows, columns), in order of `names`."""
         return tuple(LEFT[name] * error for name, error in self.at(linearization).items())
 
     def needs_relinearization(self, linearization: LinearizationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
-        """Return whether line integrals differ too much from those of a linearization point.
+        """Return whether line integrals differ too much from their values at a linearization point.
 
         Parameters
         ----------
@@ -107,8 +107,6 @@ class Numerical:
             return chain.state(linearization.physics, pose, anode=self._anode, added=added).line_integrals()
 
         errors = {}
-        if self._finer is None and self._coarser is None:
-            return errors, lines(self._chain)
         # Copies release their path lengths after use. All rays are traced, since first-order displacements in the chain
         # for fits are no discretization error.
         traced = self._chain if self._finer is None else self._finer.copy(samples=self._chain.samples)

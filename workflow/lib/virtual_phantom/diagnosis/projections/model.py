@@ -62,7 +62,7 @@ class ScansModel(Model):
         **settings,
     ):
         super().__init__(chain, nuisances, object_errors=object_errors or ObjectErrors(), **settings)
-        self.numerical = numerical
+        self.numerical = numerical or Numerical(chain, None, None)
         self.pieces: Mapping[str, Inclusion] = {}
 
     def with_piece(self, number: Nuisance, piece: Piece) -> ScansModel:
@@ -70,24 +70,17 @@ class ScansModel(Model):
         found = copy.copy(self)
         found.base_nuisances = (*self.base_nuisances, number)
         found.pieces = {**self.pieces, number.name: Inclusion(piece.shape, piece)}
-        if self.numerical is not None:
-            found.numerical = self.numerical.with_pieces(found.pieces)
+        found.numerical = self.numerical.with_pieces(found.pieces)
         return found
 
     @property
     def distortions(self) -> tuple[str, ...]:
         """See Model.distortions."""
-        numerical = () if self.numerical is None else self.numerical.names
-        return (*numerical, *(number.name for number in self.object_errors.edge_numbers))
-
-    def distortion(self, nuisance: Mapping[str, float], linearization: Linearization = BASE) -> np.ndarray | float:
-        """See Model.distortion."""
-        return sum(nuisance[name] * change for name, change in self.discretization_errors(linearization).items())
+        return (*self.numerical.names, *(number.name for number in self.object_errors.edge_numbers))
 
     def discretization_errors(self, linearization: Linearization = BASE) -> dict[str, np.ndarray]:
         """See Model.discretization_errors."""
-        numerical = {} if self.numerical is None else self.numerical.at(linearization.errors)
-        edges = self.object_errors.edges
+        edges, numerical = self.object_errors.edges, self.numerical.at(linearization.errors)
         return numerical | ({} if edges is None else edges.at(pose_of(linearization.errors.nuisance)))
 
     @property
@@ -101,7 +94,7 @@ class ScansModel(Model):
     ) -> bool:
         """See Model.needs_relinearization."""
         lines = prediction.design[0]
-        return bool(self.numerical and self.numerical.names) and self.numerical.needs_relinearization(
+        return bool(self.numerical.names) and self.numerical.needs_relinearization(
             errors, lines, weights.reshape(lines.shape)
         )
 

@@ -41,12 +41,12 @@ DENSE_HU = 150  # from here on the relative error of the density adds to the err
 # - sharp_edges: by sharp interfaces within voxels; 0 for an object with blurred edges.
 EDGES = {
     "edge_blur": ("sharp", "blurred", -0.25, 0.5),
-    "sharp_edges": ("told", "sharp", 0.5, 0.5),
+    "sharp_edges": ("stated", "sharp", 0.5, 0.5),
 }
 PARTS_PER_PIXEL, MOST_PARTS, ROUNDING = 3, 4, 1e-6  # parts of voxels, a third of a pixel wide at the isocenter
 MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
-# Variance of the attenuation in a voxel that remains unknown, relative to that of its mixture (GridScene.variance).
-# - of labels: the mixture is that of an edge at a uniformly distributed position. Neighbors share this position where
+# Variance of the attenuation in a voxel that remains unknown, relative to its mixture (GridScene.variance).
+# - of labels: the mixture assumes an edge at a uniformly distributed position. Neighbors share this position where
 #   a surface is parallel to the grid, so twice the variance is needed. With 1, view_blur stood out in two of three
 #   scans with voxels of half a pixel (seed 102).
 # - of shares: the position follows from the share and its gradient. Measured for random bodies: 0.011 to 0.019 (seed
@@ -81,7 +81,7 @@ class Edges:
         self.names = tuple(EDGES) if binary or max(parts) > 1 else ("edge_blur",)
         sharp = best.attenuation(parts, shares)
         self._scenes = {
-            "told": scene.attenuation(),
+            "stated": scene.attenuation(),
             "sharp": sharp,
             "blurred": sharp.blurred(),
             "variance": scene.variance(shares),
@@ -100,7 +100,7 @@ class Edges:
         return self._kept.get(pose, make)
 
     def unknown(self, pose: Pose) -> np.ndarray:
-        """Return the standard deviation of line integrals by what is unknown of the edges.
+        """Return the standard deviation of line integrals by the unknown part of the edges.
 
         Neighboring rays share errors. Weights of rays count them as independent, so the variance is multiplied by the
         number of rays that vary together, which the change by sharp edges shows.
@@ -126,8 +126,8 @@ class ObjectErrors:
     changes : ndarray of float32, shape (numbers, views, rows, columns)
         Change of line integrals per unit.
     constant : ndarray or float
-        Change of line integrals that is added, so that the sum with those of StatedObject.with_surfaces is exact where
-        it was linearized.
+        Change of line integrals that is added, so that line integrals of StatedObject.with_surfaces become exact where
+        they were linearized.
     left : ndarray or float
         Standard deviation of the error of line integrals that remains, because voxels do not show where a surface is.
     edges : Edges or None
@@ -167,7 +167,7 @@ class ObjectErrors:
         """Return the whitened changes, shape (numbers, data)."""
 
         def make() -> tuple[Observed, np.ndarray]:  # the key is valid while the data are in the cache
-            columns = [data.whitened(np.where(data.usable, change, 0)).ravel() for change in self.changes]
+            columns = [data.whitened(change).ravel() for change in self.changes]
             return data, np.stack(columns) if columns else np.zeros((0, data.mean.size))
 
         return self._kept.get(id(data), make)[1]
@@ -301,7 +301,7 @@ class StatedObject:
         self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float] | None = None
     ) -> tuple[tuple[Nuisance, ...], np.ndarray, np.ndarray | float, np.ndarray | float]:
         """Return numbers, changes, constant and left of ObjectErrors, for densities or HU and surfaces."""
-        if not self.has_surfaces:  # whose density and size are those of the alignment
+        if not self.has_surfaces:  # density and size are parameters of the alignment
             return (), np.zeros((0, *geometry.shape), np.float32), 0.0, 0.0
         if isinstance(self.scene, ShapesScene):
             return self._of_shapes(geometry, samples, pose, about or {})
@@ -459,7 +459,7 @@ def words_of(name: str, error: float) -> str:
 
 
 def _transmission(line_integrals: np.ndarray) -> np.ndarray:
-    """Return the transmission of rays, of opaque ones that of OPAQUE."""
+    """Return the transmission of rays; for opaque rays, the transmission of OPAQUE."""
     return np.exp(-np.minimum(line_integrals, OPAQUE))
 
 

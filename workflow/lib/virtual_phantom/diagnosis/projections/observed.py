@@ -20,7 +20,7 @@ from scipy import special
 
 from ...base.errors import InputError
 from ..noise.condensed import Blocks, Observed
-from ..noise.whitening import WHITE, Correlations, Whitening
+from ..noise.whitening import WHITE, Correlations
 
 PARTS = (12, 4, 8)  # blocks along views, rows and columns
 LEAST_TRANSMISSION = 1e-5  # rays with less are not used
@@ -115,7 +115,6 @@ def observe(
     reference: np.ndarray,
     blocks: Blocks | None = None,
     correlations: Correlations = WHITE,
-    whitening: Whitening | None = None,
 ) -> ObservedScans:
     """Condense repeats to a mean, variances and correlations.
 
@@ -181,7 +180,6 @@ def observe(
         correlation_error=correlation_error,
         white=None if taken.white is None else white_shape(taken.white),
         alone=alone,
-        whitening=whitening,
     )
 
 

@@ -103,7 +103,7 @@ def _path_lengths_mm(path: Path, shape: tuple[int, ...]) -> dict[str, np.ndarray
 
 
 def finer_geometry(path: Path, geometry: OrbitGeometry) -> OrbitGeometry:
-    """Return the geometry of a simulation, whose pixels may be finer than those of the recording by whole numbers."""
+    """Return the geometry of a simulation, whose pixels may be finer by whole numbers than in the recording."""
     with opened(path, ADVICE) as file:
         data = file.get("exchange/data")
         shape = data.shape if isinstance(data, h5py.Dataset) and len(data.shape or ()) == 3 else geometry.shape

@@ -53,13 +53,6 @@ DISPLAY = ResidualMaps(
 
 
 @dataclass(frozen=True)
-class PieceOfScan(PieceOfObject):
-    """A piece of the object, with its shape."""
-
-    piece: Piece
-
-
-@dataclass(frozen=True)
 class PreparedScans(Prepared):
     """Projections prepared for fits.
 
@@ -90,7 +83,7 @@ class PreparedScans(Prepared):
         of_pattern = None if fit.pattern is None else fit.pattern.variance
         return domain_tests(half, of_pattern, fitted, more, uncertain, self.step)
 
-    def share_at_edges(self, fit: Fit) -> float | None:
+    def share_at_edges(self, fit: Fit) -> float:
         """See Prepared.share_at_edges."""
         return excess_at_edges(self.half(fit, held_out=True))
 
@@ -100,13 +93,13 @@ class PreparedScans(Prepared):
         lines = self.fitter.predicted(fit).mean
         return kinds(lines, model.source_angles_rad, self.usable, self.held_out_text != BY_VIEW)
 
-    def piece(self, fit: Fit) -> PieceOfScan | None:
+    def piece(self, fit: Fit) -> PieceOfObject | None:
         """See Prepared.piece."""
         left = self._left(fit)
         piece = best_piece(left)
         return None if piece is None else self._of_object(piece, left)
 
-    def with_piece(self, piece: PieceOfScan, fit: Fit) -> PreparedScans:
+    def with_piece(self, piece: PieceOfObject, fit: Fit) -> PreparedScans:
         """See Prepared.with_piece."""
         name, moved = f"{PIECE}{len(self.fitter.model.pieces) + 1}", piece.piece
         best, least = self, np.inf
@@ -128,7 +121,7 @@ class PreparedScans(Prepared):
             moved = refined_piece(moved, replace(left, residual=left.residual + fitted)) or moved
         return best
 
-    def pieces(self, fit: Fit) -> list[PieceOfScan]:
+    def pieces(self, fit: Fit) -> list[PieceOfObject]:
         """See Prepared.pieces."""
         left, pieces = self._left(fit), self.fitter.model.pieces.items()
         fitted = [replace(inclusion.key, more_per_mm=fit.nuisance[name]) for name, inclusion in pieces]
@@ -149,10 +142,10 @@ class PreparedScans(Prepared):
         moved = pose_of(fit.nuisance), chain.samples, middle_of_spot, predicted.state.motion_mm
         return FitResidual(self.data.as_recorded(residual), weight, chain.geometry, reach_mm, *moved)
 
-    def _of_object(self, piece: Piece, left: FitResidual) -> PieceOfScan:
+    def _of_object(self, piece: Piece, left: FitResidual) -> PieceOfObject:
         energy_kev = self.fitter.model.chain.scene.energy_kev
         lengths = left.lengths_mm(piece).reshape(-1, 1)
-        return PieceOfScan(piece.words(energy_kev), piece.content(energy_kev), lengths, piece)
+        return PieceOfObject(piece.words(energy_kev), piece.content(energy_kev), lengths, piece)
 
     def recorded(self, held_out: bool = False) -> np.ndarray:
         """See Prepared.recorded."""
@@ -220,8 +213,6 @@ def prepare(
     floor_chain: Chain | None = None,
     coarse_chain: Chain | None = None,
     step: int = 1,
-    time_remark: str | None = None,
-    voxels: str | None = None,
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
     location: Mapping[str, float] | None = None,
     uncertain: StatedObject | None = None,
@@ -242,8 +233,6 @@ def prepare(
     step : int, optional
         Every `step`-th view is fitted or held out. Noise is estimated from all views, in large scans from these views
         and their neighbors.
-    time_remark, voxels
-        See Prepared.
     anode, tube_kvp, declared
         See Model.
     location : mapping of str to float, optional
@@ -308,7 +297,7 @@ def prepare(
     label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
     model = ScansModel(chain, aligned, numerical=numerical, object_errors=errors, first=first, **label)
     fitter = Fitter(model, data, held_out, weighed, floor)
-    more = {"step": step, "time_remark": time_remark, "voxels": voxels, "second_difference": noise.second_difference}
+    more = {"step": step, "second_difference": noise.second_difference}
     return PreparedScans(fitter, data, held_out, noise.variance, words, noise.single, noise.photons, **more)
 
 
@@ -328,7 +317,7 @@ def _whitened(data: ObservedScans, correlations: Correlations, clean: np.ndarray
     if correlations.white:
         return replace(data, numerical=tuple(numerical))
     data = replace(data, whitening=Whitening(correlations, clean, data.usable))
-    return replace(data, numerical=tuple(data.whitened(np.where(data.usable, error, 0)) for error in numerical))
+    return replace(data, numerical=tuple(map(data.whitened, numerical)))
 
 
 def _weighed(variance: np.ndarray, data: ObservedScans, clean: np.ndarray) -> np.ndarray:

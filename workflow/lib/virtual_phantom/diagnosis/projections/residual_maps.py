@@ -120,13 +120,13 @@ def _edges(residual, weight, predicted, numbers, data: ObservedScans) -> DomainT
     return steepest("rays", residual, weight, slope, numbers, of_weights)
 
 
-def excess_at_edges(half: HalfResiduals) -> float | None:
-    """Return the share of the chi-square beyond noise in the steepest rays; None if nothing exceeds noise."""
+def excess_at_edges(half: HalfResiduals) -> float:
+    """Return the share of the chi-square beyond noise in the steepest rays; 0 if nothing exceeds noise."""
     shape = half.data.mean.shape
     residual, weight = half.residuals[0].reshape(shape), half.weights[0].reshape(shape)
     excess = weight * residual**2 - (weight > 0)
     if not excess.sum() > 0:
-        return None
+        return 0.0
     chosen = steep(weight, _slope(half.data.mean - half.data.as_recorded(residual)))
     return float(excess[chosen].sum() / excess.sum())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import sparray
@@ -52,11 +52,14 @@ class PieceOfObject:
     ----------
     directions : ndarray, shape (mean data, 1)
         Path lengths in the piece, mm.
+    piece : projections.local_mismatch.Piece
+        Its shape.
     """
 
     words: str
     content: Mapping
     directions: np.ndarray
+    piece: Any
 
 
 @dataclass(frozen=True)
@@ -180,9 +183,9 @@ class Prepared(ABC):
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
         """Return recorded minus modeled data in the unit of `display`, one-dimensional."""
 
-    def share_at_edges(self, fit: Fit) -> float | None:
-        """Return the share of chi-square beyond noise at the steepest data; None if nothing exceeds noise."""
-        return None
+    def share_at_edges(self, fit: Fit) -> float:
+        """Return the share of chi-square beyond noise at the steepest data; 0 if nothing exceeds noise."""
+        return 0.0
 
     def with_noise_of(self, fit: Fit) -> Prepared:
         """Return the recording with the noise correlations of a fit, if the recording does not determine them."""

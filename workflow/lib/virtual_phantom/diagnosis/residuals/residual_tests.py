@@ -143,7 +143,7 @@ def noise_tests(
 ) -> list[DomainTest]:
     """Test the noise: its variance by block, its level, and its correlations.
 
-    Noise level and correlations of held-out data are compared with those of the fitted data. Both have errors of
+    Noise level and correlations of held-out data are compared with the fitted data. Both have errors of
     similar size, so the tests include both. The list is empty if there is a single repeat.
 
     Parameters

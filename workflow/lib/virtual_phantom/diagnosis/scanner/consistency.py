@@ -1,6 +1,6 @@
 """Consistency of the recordings of a scanner: fits of each recording alone, compared with the others.
 
-Shared parameters are fitted to each recording alone. A recording disagrees if its parameters differ from those of the
+Shared parameters are fitted to each recording alone. A recording disagrees if its parameters differ from the
 others by more than noise and model errors explain [1]_. A model error that all recordings share causes no disagreement.
 If the fit of a recording leaves more than noise, its errors are scaled by the root of chi-square per ray [2]_. The
 recording that disagrees most is removed, and the rest are compared again.
@@ -31,7 +31,7 @@ LEAST_KNOWN = 1e-9  # information of the others about a direction, relative to o
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference between the parameters of one recording and those of others.
+    """Difference between the parameters of one recording and of others.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ def alone(
     chosen : JointFit
         Fit of the recordings that are not judged.
     scans : mapping of str to ModelErrorInfluence
-        Result of pulled_of_recordings for all recordings.
+        Result of model_error.influences_of_recordings for all recordings.
     judged : collection of str, optional
         Test recordings; the other recordings are not compared with them.
     """
@@ -159,7 +159,7 @@ class _Compared:
         return self._difference(found.against, min(found.chi_square, share * lost), found.numbers)
 
     def by_slopes(self, name: str, rest: Sequence[str]) -> tuple[Difference, float]:
-        """Return the first-order difference of a recording's parameters from those of others.
+        """Return the first-order difference of a recording's parameters from the parameters of others.
 
         Returns
         -------
@@ -253,7 +253,7 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
     for index, place in zip(here, there, strict=True):
         unknown = scan.problem.unknowns[index]
         values[place] = unknown.of(fit.physics[unknown.effect][unknown.name])
-        # At the minimum, the gradient of the data balances that of the prior.
+        # At the minimum, the gradients of data and prior balance.
         score[place] = scan.prior_precision[index] * (values[place] - scan.problem.center[index]) / excess
     score += information @ values
     pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}

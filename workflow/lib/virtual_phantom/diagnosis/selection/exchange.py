@@ -108,14 +108,9 @@ class _Removal:
         problem, fit = self.problem, self.fit
         point = problem.start.copy()
         point[self.rest] += moved
-        point = np.clip(point, problem.low, problem.high)
-        physics = {key: dict(values) for key, values in fit.physics.items() if key != self.effect}
-        for unknown, number in zip(problem.unknowns, point, strict=False):
-            if unknown.effect != self.effect:
-                physics[unknown.effect][unknown.name] = float(unknown.value(number))
+        named, nuisance = problem.named(np.clip(point, problem.low, problem.high))
+        physics = {key: values | named[key] for key, values in fit.physics.items() if key != self.effect}
         physics[name] = _values(self.fitter, name, amount)
-        aligned = zip(problem.nuisances, point[len(problem.unknowns) :], strict=True)
-        nuisance = {number.name: float(value) for number, value in aligned}
         effects = (*(key for key in fit.effects if key != self.effect), name)
         return replace(fit, effects=effects, physics=physics, nuisance=fit.nuisance | nuisance)
 
@@ -126,7 +121,7 @@ def _chi_square(fitter: Fitter, start: Fit) -> float:
 
 
 def _residuals(fitter: Fitter, start: Fit) -> np.ndarray:
-    """Return the whitened residuals at a start with the best scale and offset, and those of the priors."""
+    """Return the whitened residuals at a start with the best scale and offset, and residuals of the priors."""
     problem = Problem.at(fitter, start)
     point, residuals = problem.solve_scale_and_offset(problem.start)
     priors = np.sqrt(problem.prior_precision) * (point - problem.center)

@@ -59,5 +59,5 @@ class FitCache:
 
     def _made_of(self, effects, given, against) -> str:
         begun = [None if trial is None else content_of(trial) for trial in (given, against)]
-        said = json.dumps([self.made_of, [self.code(name) for name in effects], begun])
-        return hashlib.sha256(said.encode()).hexdigest()
+        text = json.dumps([self.made_of, [self.code(name) for name in effects], begun])
+        return hashlib.sha256(text.encode()).hexdigest()

@@ -140,7 +140,7 @@ def choose(
     screen = partial(screened, fitter, processes=processes, progress=progress)
     fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, kept=kept), screen)
     fits.alone = fits.filters(baseline.fit, fits.others(())) if alone is None else alone
-    return ForwardSelection(fits, accuracy).run()
+    return ForwardSelection(fits).run()
 
 
 class ForwardSelection:
@@ -161,8 +161,8 @@ class ForwardSelection:
         {effect: gain in log score when it was accepted}.
     """
 
-    def __init__(self, fits: CandidateFits, accuracy: Mapping[str, float]):
-        self.fits, self.accuracy, self.current = fits, accuracy, fits.baseline
+    def __init__(self, fits: CandidateFits):
+        self.fits, self.accuracy, self.current = fits, fits.accuracy, fits.baseline
         self.worth: dict[str, float] = {}
         self.unconfounded: set[str] = set()
 
@@ -240,8 +240,8 @@ class ForwardSelection:
             self.unconfounded |= self.fits.unconfounded(self.current.fit, found)
         # Chi-square is twice the log score, but a first-order filter may fall short of it by a factor of two.
         least = self.required_gain(self.current)
-        sure = {name: one for name, one in found.items() if stands_out(one.beside_model_error, len(found), least)}
-        likely = best_few(sure)
+        clear = {name: one for name, one in found.items() if stands_out(one.beside_model_error, len(found), least)}
+        likely = best_few(clear)
         likely += [name for name in sorted(self.unconfounded) if name in found]
         likely += [name for name, filtered in found.items() if filtered.blind]
         return self.fits.beside(self.current, list(dict.fromkeys(likely))) if likely else {}
@@ -269,7 +269,8 @@ class ForwardSelection:
         losses, p, unconfounded = {}, {}, set(self.unconfounded)
         refitted: list[Trial] = []
         for effect, rest in without.items():
-            p[effect] = min(1.0, effect_p_value(current.fit, rest.fit, effect) * len(fits.candidates))
+            fit = fits.fitter.comparable(current.fit, rest.fit)
+            p[effect] = min(1.0, effect_p_value(fit, rest.fit, effect) * len(fits.candidates))
             others = fits.others(rest.fit.effects, but=effect)
             if effect in unconfounded:
                 losses[effect] = self.losses_if_unconfounded(effect, rest, others)
@@ -310,12 +311,12 @@ class ForwardSelection:
 
         The likely alternatives are fitted. A fit may end in a local minimum, and filters are inexact for effects that
         move rays. Before an alternative with a similar change of the data is ruled out, it is therefore fitted again
-        from settings equivalent to those of the effect. `rest` is the fit without the effect.
+        from settings that are equivalent to the effect. `rest` is the fit without the effect.
         """
         fits, score, effects = self.fits, self.current.score, rest.fit.effects
         gain = score - rest.score
-        # Alternatives are not penalized for errors of declared models.
-        found = fits.filters_by_noise(rest.fit, others) if effects else fits.alone
+        # Gains are for noise alone: alternatives are not penalized for errors of declared models.
+        found = fits.filters(rest.fit, others) if effects else fits.alone
         found = {name: found[name] for name in others}
         losses = {name: gain - filtered.gain / 2 for name, filtered in found.items()}
         close = [name for name, lost in losses.items() if lost < RULED_OUT]
@@ -375,10 +376,6 @@ class CandidateFits:
             found |= self.screen(fit, missing, accuracy=self.accuracy)
         return {name: found[name] for name in names}
 
-    def filters_by_noise(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
-        """Return the matched filters of effects for a fit, if noise is the only error."""
-        return {name: replace(one, with_model_error=None) for name, one in self.filters(fit, names).items()}
-
     def filters_beside_all_models(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
         """Return the matched filters of effects for a fit, beside errors of declared and fitted models."""
         return self.screen(fit, names, accuracy=self.accuracy, fitted_too=True)
@@ -400,9 +397,8 @@ class CandidateFits:
 
     def single(self, names: Sequence[str]) -> dict[str, Trial]:
         """Fit candidates alone."""
-        new = [name for name in names if name not in self.singles]
-        made = self.fit([((name,), self.baseline, self.baseline) for name in new])
-        self.singles |= zip(new, made, strict=True)
+        made = self._fits([((name,), self.baseline, self.baseline) for name in names])
+        self.singles |= zip(names, made, strict=True)
         return {name: self.singles[name] for name in names}
 
     def beside(self, current: Trial, names: Sequence[str]) -> dict[str, Trial]:

@@ -13,6 +13,7 @@ from ...physics.effect import applicable_effects
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFit, JointFitter
+from ..fitting.trial import effect_p_value
 from .forward_selection import ALPHA, LEAST_GAIN, without_effect
 from .screening import SCREEN, screened
 
@@ -129,11 +130,11 @@ class JointSelection:
         here = self.scores(self.current)
         tried.sort(key=lambda fit: fit.chi_square)
         best = max(tried[:TRIED], key=lambda fit: _gain(self.scores(fit), here))
-        there, p = self.scores(best), _p_value(best, self.current, len(self.candidates))
+        new, there = best.effects[-1], self.scores(best)
+        p = float(bonferroni(effect_p_value(best, self.current, new), len(self.candidates)))
         gain, worse = _gain(there, here), sum(there[name] < here[name] for name in there)
         if gain < self.required_gain() or p > ALPHA or worse > MOST_WORSE * len(there):
             return False
-        new = best.effects[-1]
         self.current, self.gains[new], self.p[new] = best, gain, p
         return True
 
@@ -203,8 +204,3 @@ def recording_folds(names: Sequence[str], objects: Mapping[str, str] | None = No
 
 def _gain(there: Mapping[str, float], here: Mapping[str, float]) -> float:
     return sum(there[name] - here[name] for name in there)
-
-
-def _p_value(best: JointFit, current: JointFit, candidates: int) -> float:
-    lost = max(0.0, current.chi_square - best.chi_square)
-    return float(bonferroni(stats.chi2.sf(lost, max(1, best.free - current.free)), candidates))

@@ -45,7 +45,7 @@ class Screened:
         The template is zero, so only a full fit can detect the effect. An example is a typical slice thickness that
         equals the slice spacing.
     with_model_error : Screened or None
-        Result if the models of declared physics are inexact, with `fitted_too` also those of fitted effects; None: no
+        Result if the models of declared physics are inexact, with `fitted_too` also models of fitted effects; None: no
         model errors were considered.
     """
 
@@ -183,12 +183,10 @@ def _of_mean(fitter: Fitter, left: Remainder) -> np.ndarray:
 
 def _pattern(fitter: Fitter, residual: np.ndarray) -> Screened:
     """Return the result for a gain pattern, which is estimated directly from the mean's residual."""
-    shape = fitter.data.mean.shape
-    mean, weight = residual.reshape(shape), fitter.weights[0].reshape(shape)
     data = fitter.data
+    mean, weight = (values.reshape(data.mean.shape) for values in (residual, fitter.weights[0]))
     pattern = data.pattern(mean, weight)
-    found = data.whitened(np.where(data.usable, data.pattern_field(pattern.values), 0))
-    gain = float((weight * mean * found).sum())  # priors included
+    gain = float((weight * mean * data.whitened(data.pattern_field(pattern.values))).sum())  # priors included
     return Screened(pattern_p_value(pattern.rms, pattern.error), gain)
 
 

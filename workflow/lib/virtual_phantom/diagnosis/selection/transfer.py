@@ -20,7 +20,6 @@ from ..fitting.steps import NORMAL_95
 from ..fitting.trial import Trial, trial
 from ..settings import FitSettings
 from ..uncertainty.model_error import Errors
-from ..verdict_text import recording_lines, with_verdict_text
 from .forward_selection import Choice, without_effect
 
 
@@ -173,9 +172,8 @@ def _without_scan_parameters(physics: Mapping[str, Mapping[str, float]]) -> dict
 
 
 def with_physics_source(content: dict, physics: Physics) -> dict:
-    """Return the content of diagnosis.json with the source of the physics."""
-    content = content | {
+    """Return the content of diagnosis.json with the source of the physics; the lines of the verdict do not change."""
+    return content | {
         "effects": [effect | {"taken_from": physics.recording} for effect in content["effects"]],
         "not_taken": list(physics.not_taken),
     }
-    return with_verdict_text(content, recording_lines(content))

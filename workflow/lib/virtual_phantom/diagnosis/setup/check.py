@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,8 +22,8 @@ from ..projections.own_simulation import scene_of_scan
 from ..request import DiagnosisRequest
 from ..verdict.verdict import Diagnosis
 from ..verdict_text import SETUP_VERDICTS, setup_lines, with_verdict_text
-from .data_checks import copied_repeats, outlying_repeats, wrong_illumination
-from .finding import AS_STATED, DESCRIPTION, MOST, Finding, SetupResult, find
+from .data_checks import copied_repeats, outlying_repeat, wrong_illumination
+from .finding import AS_STATED, DESCRIPTION, MOST, SetupResult, find
 from .located import locate
 from .mismatch import Comparison
 from .orientation import orientation
@@ -39,20 +38,6 @@ NOT_CHECKED = {
     "share": 0.0,
     "location": {},
 }
-
-
-@dataclass(frozen=True)
-class SetupCheck(SetupResult):
-    """Result of the check of a recording of projections."""
-
-    comparison: Comparison = field(repr=False)
-    finding: Finding = field(repr=False)
-    location: Mapping[str, float] = field(default_factory=dict)
-    of: ClassVar[str] = "line integrals"
-
-    def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residual as described and as corrected, shape (views, columns)."""
-        return self.comparison.residual(self.finding.stated), self.comparison.residual(self.finding.best)
 
 
 def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult | None:
@@ -85,7 +70,9 @@ def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult 
         mistakes |= _mistakes_of_data(recording, taken)
     kind, location = (DESCRIPTION, {}) if mistakes else (finding.kind, finding.location)
     alike = tuple(dict.fromkeys(mismatch.name for mismatch in finding.alike))
-    return SetupCheck(kind, mistakes, alike, finding.stated.share, finding.share, comparison, finding, location)
+    maps = comparison.residual(finding.stated), comparison.residual(finding.best)
+    shares = finding.stated.share, finding.share
+    return SetupResult("line integrals", kind, mistakes, alike, *shares, maps, location)
 
 
 def _mistakes_of_data(recording: ProjectionsRecording, taken: Scans) -> dict[str, str]:
@@ -94,12 +81,10 @@ def _mistakes_of_data(recording: ProjectionsRecording, taken: Scans) -> dict[str
     mistakes = {}
     for first, second in copied_repeats(taken.repeats):
         mistakes["copied repeat"] = f"repeats: remove {names[second]}, which is a copy of {names[first]}"
-    if not mistakes:
-        for which, _ in outlying_repeats(taken.repeats, taken.usable):
-            mistakes["a repeat of another scan"] = f"repeats: remove {names[which]}, or compare it with the others"
-    lit = wrong_illumination(taken.white, recording.geometry, recording.scan)
-    if lit is not None:
-        mistakes["illumination"] = f"scan.illumination: {lit[0]} (from the shape of the white field)"
+    if not mistakes and (which := outlying_repeat(taken.repeats, taken.usable)) is not None:
+        mistakes["a repeat of another scan"] = f"repeats: remove {names[which]}, or compare it with the others"
+    if lit := wrong_illumination(taken.white, recording.geometry, recording.scan):
+        mistakes["illumination"] = f"scan.illumination: {lit} (from the shape of the white field)"
     return mistakes
 
 
@@ -126,7 +111,7 @@ def setup_diagnosis(found: SetupResult, recording: Recording, request: Diagnosis
 
 
 def write_setup(content: Mapping, path: str | Path) -> None:
-    """Write SetupCheck.content, or NOT_CHECKED."""
+    """Write SetupResult.content, or NOT_CHECKED."""
     write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
 
 

@@ -8,16 +8,14 @@ import numpy as np
 from scipy import ndimage, optimize
 
 from ...base.geometry import OrbitGeometry
-from ...physics.chain import EVEN
+from ...physics.chain import EVEN, SOLID_ANGLE
 from ..noise.condensed import Blocks
-from ..projections.observed import MEDIAN_SQUARE
+from ..projections.observed import MEDIAN_SQUARE, PARTS
 
-PARTS = (12, 4, 8)  # blocks along views, rows and columns; their means have less noise than single rays
-OTHER_SCAN = 50.0  # mean square of block means over that of noise, from which a repeat is of another scan
+OTHER_SCAN = 50.0  # mean square of block means relative to noise, from which a repeat is of another scan
 TIMES = 20.0  # ratio to the mean squares of the other repeats among themselves
 LEAST_RAYS = 16  # of a block
 
-SOLID_ANGLE = "solid_angle"
 # Tolerance of the exponent of the solid angle about 0 or 1. Bowties and heel effect give other exponents.
 NEAR = 0.15
 LEAST_SPAN = 0.01  # of the logarithm of the solid angle over the detector: a smaller span shows nothing
@@ -35,23 +33,19 @@ def copied_repeats(lines: np.ndarray) -> list[tuple[int, int]]:
     return [(a, b) for a in range(count) for b in range(a + 1, count) if np.array_equal(lines[a], lines[b])]
 
 
-def outlying_repeats(lines: np.ndarray, usable: np.ndarray) -> list[tuple[int, float]]:
-    """Find the repeat that differs from the mean of the others by more than noise, a scale and an offset.
+def outlying_repeat(lines: np.ndarray, usable: np.ndarray) -> int | None:
+    """Return the repeat that differs from the mean of the others by more than noise, a scale and an offset.
+
+    The result is None if no repeat differs. With two repeats, the other one may be the outlier.
 
     Parameters
     ----------
     lines : ndarray, shape (repeats, views, rows, columns)
     usable : ndarray of bool, shape (views, rows, columns)
-
-    Returns
-    -------
-    list of tuple of int and float
-        Index, and mean square of its block means over that of noise; empty if no repeat differs. With two repeats, the
-        other one may be the outlier.
     """
     count = len(lines)
     if count < 2:
-        return []
+        return None
     blocks = Blocks.of(usable.shape, PARTS)
     squares = [_mean_square(lines, k, usable, blocks) for k in range(count)]
     worst = int(np.argmax(squares))
@@ -59,11 +53,11 @@ def outlying_repeats(lines: np.ndarray, usable: np.ndarray) -> list[tuple[int, f
     # An outlier shifts the mean that all others are compared with, so the others are compared without it.
     others = [_mean_square(rest, k, usable, blocks) for k in range(count - 1)] if count > 2 else [1.0]
     outlying = squares[worst] > OTHER_SCAN and squares[worst] > TIMES * max(float(np.median(others)), 1.0)
-    return [(worst, squares[worst])] if outlying else []
+    return worst if outlying else None
 
 
 def _mean_square(lines: np.ndarray, which: int, usable: np.ndarray, blocks: Blocks) -> float:
-    """Return the mean square of block means of a repeat's difference from the others, over that of noise."""
+    """Return the mean square of block means of a repeat's difference from the others, relative to noise."""
     mean = np.delete(lines, which, axis=0).mean(axis=0, dtype=np.float64)
     scale, offset = np.polyfit(mean[usable], lines[which][usable].astype(np.float64), 1)
     difference = np.where(usable, lines[which] - scale * mean - offset, 0.0)
@@ -76,8 +70,10 @@ def _mean_square(lines: np.ndarray, which: int, usable: np.ndarray, blocks: Bloc
     return float(np.mean(sums**2 / rays / np.maximum(variance, 1e-300)))
 
 
-def wrong_illumination(white: np.ndarray | None, geometry: OrbitGeometry, scan: Mapping) -> tuple[str, float] | None:
+def wrong_illumination(white: np.ndarray | None, geometry: OrbitGeometry, scan: Mapping) -> str | None:
     """Return the illumination that the white field shows, if it is not the stated one.
+
+    The result is EVEN, SOLID_ANGLE, or None if the statement may be right or cannot be tested.
 
     Parameters
     ----------
@@ -85,13 +81,6 @@ def wrong_illumination(white: np.ndarray | None, geometry: OrbitGeometry, scan: 
         Counts without an object.
     scan : mapping
         Section `scan` of recording.yaml.
-
-    Returns
-    -------
-    illumination : {"even", "solid_angle"}
-    exponent : float
-        Power of the solid angle to which the field is proportional. The function returns None if the statement may be
-        right or cannot be tested.
     """
     if white is None:
         return None
@@ -107,10 +96,10 @@ def wrong_illumination(white: np.ndarray | None, geometry: OrbitGeometry, scan: 
     stated = scan.get("illumination", EVEN)
     exponent = float(found[-1])
     if stated == EVEN and abs(exponent - 1) < NEAR and explained > EXPLAINED:
-        return SOLID_ANGLE, exponent
+        return SOLID_ANGLE
     flat = np.std(field) < NEAR * np.std(angle) or explained > EXPLAINED
     if stated == SOLID_ANGLE and abs(exponent) < NEAR and flat:
-        return EVEN, exponent
+        return EVEN
     return None
 
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
-from typing import ClassVar
 
 import numpy as np
 
@@ -64,11 +61,13 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class SetupResult(ABC):
+class SetupResult:
     """Result of the set-up check of a recording.
 
     Attributes
     ----------
+    of : str
+        Name of the compared data.
     kind : {"as stated", "description", "object", "empty"}
     mistakes : dict of str to str
         {mistake: correction}.
@@ -76,17 +75,23 @@ class SetupResult(ABC):
         Mistakes that a scan of this object cannot detect.
     share_stated, share : float
         Unexplained share of the variance of the data, as described and as corrected.
-    of : str
-        Name of these data.
+    maps : tuple of 2 ndarray, shape (down, across)
+        Residual as described and as corrected.
+    location : mapping of str to float
+        See Finding.location.
+    mirrored : bool or None
+        Whether an object that is constant along z is seen from its other end; None: not tested.
     """
 
+    of: str
     kind: str
     mistakes: Mapping[str, str]
     alike: tuple[str, ...]
     share_stated: float
     share: float
-    of: ClassVar[str]
-    location = MappingProxyType({})  # see Finding.location; a field of SetupCheck only
+    maps: tuple[np.ndarray, np.ndarray] = field(repr=False)
+    location: Mapping[str, float] = field(default_factory=dict)
+    mirrored: bool | None = None
 
     @property
     def content(self) -> dict:
@@ -99,11 +104,8 @@ class SetupResult(ABC):
             "share_stated": self.share_stated,
             "share": self.share,
             "location": dict(self.location),
+            **({} if self.mirrored is None else {"mirrored": self.mirrored}),
         }
-
-    @abstractmethod
-    def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residual as described and as corrected."""
 
 
 def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
@@ -112,10 +114,10 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
     The object is fitted at its stated location within the tolerance of the alignment, then in the whole field of view.
     That search starts from the centroids of the views. A grid of locations is tried before another object is reported.
     """
-    found = _found(comparison, scan, log, largest)
+    given = list(descriptions(scan, log, largest))
+    found, stated = _found(comparison, given), given[0]
     if found.kind in (AS_STATED, DESCRIPTION) and min(found.best.share, found.share) <= MISTAKEN:
         return found
-    stated = next(descriptions(scan, log, largest))
     if found.kind == EMPTY_BEAM and comparison.attenuated(stated) < EMPTY:
         return found
     for by_grid in (False, True):
@@ -127,7 +129,7 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
             first = anywhere.mismatch(stated)
             if not (comparison.beyond_reach(first) and _explains(first, found.best)):
                 break
-        other = _found(anywhere, scan, log, largest)
+        other = _found(anywhere, given)
         if other.kind not in (OBJECT, EMPTY_BEAM) and (no_match or _explains(other.best, found.best)):
             found = replace(other, stated=found.stated) if other.kind == DESCRIPTION else other
             if other.kind == AS_STATED and comparison.beyond_reach(other.best):
@@ -150,9 +152,9 @@ def _explains(other: SetupMismatch, found: SetupMismatch) -> bool:
     return other.share < (1 - REMOVED) * found.share and found.worse_than(other) > LIKELIER
 
 
-def _found(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
-    """Return the finding for the locations that a comparison allows."""
-    stated, *others = descriptions(scan, log, largest)
+def _found(comparison: Comparison, given: Sequence[Description]) -> Finding:
+    """Return the finding for the locations that a comparison allows; the first description is the stated one."""
+    stated, *others = given
     first = comparison.mismatch(stated)
     tried = list(_in_place(comparison, others, first))
     oriented = [mismatch.description for mismatch in (first, *tried) if mismatch.description.oriented]

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import ClassVar
-
 import numpy as np
 
 from ...base.errors import InputError
@@ -29,34 +25,6 @@ MOVED = 2.5
 LEAST_CONTRAST_HU, LEAST_INSIDE = 20.0, 0.6  # contrast that can be seen inside an object, and correlation there
 
 
-@dataclass(frozen=True)
-class ObjectLocated(SetupResult):
-    """Location of the object in the images.
-
-    Attributes
-    ----------
-    mirrored : bool
-        Whether an object that is constant along z is seen from its other end.
-    stated, best : ndarray, shape (y, x)
-        Slices of images minus object, HU.
-    """
-
-    location: Mapping[str, float] = field(default_factory=dict)
-    mirrored: bool = False
-    stated: np.ndarray = field(default=None, repr=False)
-    best: np.ndarray = field(default=None, repr=False)
-    of: ClassVar[str] = "HU of the object"
-
-    @property
-    def content(self) -> dict:
-        """See SetupResult.content."""
-        return super().content | {"mirrored": self.mirrored}
-
-    def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """See SetupResult.maps."""
-        return self.stated, self.best
-
-
 def drawn_object(request: DiagnosisRequest, recording: ImagesRecording) -> ScannedVolume:
     """Return the object of a request as voxels in HU, discs included."""
     found = ScannedVolume.of(request, recording)
@@ -68,8 +36,8 @@ def drawn_object(request: DiagnosisRequest, recording: ImagesRecording) -> Scann
     return ScannedVolume.of_shapes(shaped, request.protocol.geometry, request.mu_water_per_mm)
 
 
-def locate(recording: ImagesRecording, request: DiagnosisRequest) -> ObjectLocated:
-    """Register the object with the mean of all slices and repeats.
+def locate(recording: ImagesRecording, request: DiagnosisRequest) -> SetupResult:
+    """Register the object with the mean of all slices and repeats; maps are slices of images minus object, HU.
 
     Raises
     ------
@@ -102,9 +70,9 @@ def locate(recording: ImagesRecording, request: DiagnosisRequest) -> ObjectLocat
             f"least {LEAST_CORRELATION:g}), inside {found.inside:.2f} (at least {least:g}); check object, slices "
             "(diagnosis.recordings: slices) and orientation"
         )
-    rest = [image - expected(image.shape, spacing[1:]), image - found.fitted]
+    rest = image - expected(image.shape, spacing[1:]), image - found.fitted
     share = [float(np.var(part) / np.var(image)) for part in rest]
     moved = not request.settings.of_scan or share[0] > MOVED * share[1]
     # Scans that lie on each other contradict a stated displacement.
     place = found.location if moved else {key: 0.0 for key in found.location if key in request.settings.location}
-    return ObjectLocated(AS_STATED, {}, (), *share, place | stated, mirrored, *rest)
+    return SetupResult("HU of the object", AS_STATED, {}, (), *share, rest, place | stated, mirrored)

@@ -129,7 +129,7 @@ class SetupMismatch:
 
     @property
     def is_visible(self) -> bool:
-        """Return whether line integrals vary significantly more than noise."""
+        """Whether line integrals vary significantly more than noise."""
         return self.total - self.noise > SIGNIFICANT * self.noise_error
 
     def exceeds(self, share: float) -> bool:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage
@@ -78,19 +77,6 @@ CHANGE = "repeats: {} in the image files or in their affine"
 
 
 @dataclass(frozen=True)
-class OrientationFound(SetupResult):
-    """Result of the check of images; `stated` and `best` are the middle slice of images minus phantom, HU."""
-
-    stated: np.ndarray = field(repr=False)
-    best: np.ndarray = field(repr=False)
-    of: ClassVar[str] = "HU inside the body"
-
-    def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """See SetupResult.maps."""
-        return self.stated, self.best
-
-
-@dataclass(frozen=True)
 class Registered:
     """Images in one orientation, compared with the phantom.
 
@@ -115,8 +101,10 @@ class Registered:
     rest: np.ndarray
 
 
-def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) -> OrientationFound:
+def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) -> SetupResult:
     """Find the order of voxels in which images agree best with the phantom.
+
+    Maps are the middle slice of images minus phantom, HU.
 
     Parameters
     ----------
@@ -160,7 +148,7 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
     alike = [] if kind == OBJECT else [order.name for order in near]
     middle = mean.shape[0] // 2
     maps = stated.rest[middle], found.rest[middle]
-    return OrientationFound(kind, mistakes, tuple(alike), stated.share, found.share, *maps)
+    return SetupResult("HU inside the body", kind, mistakes, tuple(alike), stated.share, found.share, maps)
 
 
 def _coarse(array: np.ndarray, size: tuple[int, int, int]) -> np.ndarray:
@@ -191,13 +179,13 @@ def _registered(
     if max(map(abs, off_mm)) > WITHIN_MM and not far:
         moved, overlap, off_mm = images, _overlap(images, expected), (0.0, 0.0, 0.0)
     inside = _inside(expected) & _inside(moved)
-    rest, alike = moved - expected, correlation(moved, expected)
+    rest, similarity = moved - expected, correlation(moved, expected)
     if inside.sum() < 2 * len(SHAPES):
-        return Registered(1.0, overlap, off_mm, alike, rest)
+        return Registered(1.0, overlap, off_mm, similarity, rest)
     recorded, phantom = moved[inside], expected[inside]
     scale = max(float(phantom.std()), 1.0)
     design = np.stack([((phantom - phantom.mean()) / scale) ** power for power in SHAPES], axis=1)
     left = recorded - design @ np.linalg.lstsq(design, recorded, rcond=None)[0]
     total = float(recorded.var()) - noise
     share = (float((left**2).mean()) - noise) / total if total > 0 else 1.0
-    return Registered(float(np.clip(share, 0.0, 1.0)), overlap, off_mm, alike, rest)
+    return Registered(float(np.clip(share, 0.0, 1.0)), overlap, off_mm, similarity, rest)

@@ -67,8 +67,9 @@ class DataMaps:
     of: str
     quantity: str
 
+    @property
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return both maps."""
+        """Both maps."""
         return self.data, self.differences
 
 
@@ -157,7 +158,7 @@ def _projection_findings(recording: ProjectionsRecording) -> tuple[list[DataFind
     differences, of = np.diff(middle, axis=1), "neighboring columns"
     if known_angles:
         findings += _repeated_views(taken, geometry)
-        # The conditions of consistency are those of flat detectors and sources on a circle.
+        # The conditions of consistency hold for flat detectors and sources on a circle.
         plain = geometry.surface == FLAT and not (geometry.feed_per_rotation_mm or geometry.has_focal_spot_offset)
         if plain and level is not None and taken.usable[:, row].mean() > 0.9:
             found, opposite = _consistency(middle, geometry)

@@ -82,7 +82,7 @@ def joint_errors_with_models(
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Return standard errors of effects' parameters in a joint fit, with model errors, by recording.
 
-    The method is that of errors_with_models. Recordings share the models of effects, so more recordings do not reduce
+    The method is as in errors_with_models. Recordings share the models of effects, so more recordings do not reduce
     model errors. Discretization errors are independent between recordings.
 
     Parameters
@@ -190,7 +190,7 @@ class ModelErrorInfluence:
     problem : Problem
         At the end of `fit`.
     places : ndarray of int, shape (numbers,)
-        Positions of its numbers among those of all recordings.
+        Positions of its numbers among the numbers of all recordings.
     information : ndarray, shape (numbers, numbers)
         Information of its data, without priors.
     prior_precision : ndarray, shape (numbers,)
@@ -281,7 +281,7 @@ def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[st
 
 def _distortions(problem: Problem, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Distortions:
     """Yield changes of the whitened data by model errors, one standard deviation each."""
-    # They are yielded one at a time, because those of a large scan do not fit into memory together.
+    # They are yielded one at a time, because the memory does not hold all changes of a large scan.
     fitter, data, here = problem.fitter, problem.data, problem.fitter.predicted(fit)
     after, spread = data.residuals(here), shapes(here.mean)
     for name, fitted in without.items():
@@ -332,5 +332,4 @@ def _of_steps(problem: Problem, fit: Fit, accuracy: Mapping[str, float]) -> Dist
 
 def _whole(problem: Problem, change: np.ndarray, rest: list[np.ndarray]) -> np.ndarray:
     """Return a change of the mean and of the other parts of the data, whitened."""
-    mean = problem.data.whitened(np.where(problem.data.usable, change, 0)).ravel()
-    return problem.whitened([mean, *rest])
+    return problem.whitened([problem.data.whitened(change).ravel(), *rest])

@@ -46,7 +46,7 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
 def _found(numbers: Sequence[Unknown], fit: Fit) -> np.ndarray:
     """Return the rows of `_directions` for parameters from other recordings, shape (directions, parameters)."""
     rows = [fit.directions.get(number.effect, {}).get(number.name) for number in numbers]
-    if numbers and None not in rows:  # their errors are correlated, such as those of voltage and filtration
+    if numbers and None not in rows:  # their errors are correlated, as for voltage and filtration
         return np.linalg.qr(np.transpose(rows), mode="r")  # the same covariance, by no more directions than numbers
     spread = []
     for number in numbers:

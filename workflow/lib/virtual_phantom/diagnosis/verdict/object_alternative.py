@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,48 +19,29 @@ FREED = 5.0  # factor of the stated standard deviations within which errors of t
 MOST_NAMED = 2  # errors that are named, by their share of the change
 
 
-@dataclass(frozen=True)
-class ObjectDifference:
-    """A difference of the object from its description.
-
-    Attributes
-    ----------
-    gain : float
-        Log score of held-out data that it gains.
-    errors : dict of str to float
-        Values of the parameters (object_errors.ObjectErrors).
-    what : str
-        Description of the largest errors.
-    """
-
-    gain: float
-    errors: dict[str, float]
-    what: str
-
-
 def object_alternatives(fitter: Fitter, choice: Choice) -> dict[str, dict]:
     """Return differences of the object that explain the data as well as an effect, by effect.
 
     Errors may be FREED times as large as stated. Gains are of first order.
     """
     found = {}
-    if not fitter.model.object_error_names:
+    if not fitter.model.object_errors.names:
         return found
     for effect, fit in choice.without.items():
-        difference = _freed(fitter, fit)
-        loses = choice.gains[effect] - difference.gain
+        gain, errors, what = _freed(fitter, fit)
+        loses = choice.gains[effect] - gain
         if loses < max(AS_GOOD, choice.tolerance):
-            found[effect] = {"what": difference.what, "loses": loses, "errors": difference.errors}
+            found[effect] = {"what": what, "loses": loses, "errors": errors}
     return found
 
 
-def imitating_effects(fitter: Fitter, baseline: Trial, effects: Sequence[str], processes: int = 1) -> dict:
+def imitating_effects(fitter: Fitter, baseline: Trial, effects: Sequence[str]) -> dict:
     """Return the fitted errors of the object, and the effects that would explain the same with an exact object.
 
     The result is empty if the data do not need errors of the object.
     """
     model = fitter.model
-    if not model.object_error_names:
+    if not model.object_errors.names:
         return {}
     exact = fitter.of(model.with_exact_object())
     fit = exact.fit(())
@@ -69,21 +49,24 @@ def imitating_effects(fitter: Fitter, baseline: Trial, effects: Sequence[str], p
     if gain < LEAST_GAIN:
         return {}
     tried = applicable_effects(effects, model.with_declared_effects(()))
-    alike = screened(exact, fit, tried, processes) if tried else {}
+    alike = screened(exact, fit, tried) if tried else {}
     names = [
         name
         for name, found in alike.items()
         if stands_out(found, len(alike), 2 * LEAST_GAIN) and found.gain / 2 > gain - AS_GOOD
     ]
-    errors = {name: baseline.fit.nuisance[name] for name in model.object_error_names}
-    sizes = np.linalg.norm(model.object_changes(fitter.data) * np.sqrt(fitter.weights[0]), axis=1)
+    errors = {name: baseline.fit.nuisance[name] for name in model.object_errors.names}
+    sizes = np.linalg.norm(model.object_errors.whitened(fitter.data) * np.sqrt(fitter.weights[0]), axis=1)
     return {"what": _words(errors, sizes), "gain": gain, "errors": errors, "imitated_by": names}
 
 
-def _freed(fitter: Fitter, fit: Fit) -> ObjectDifference:
-    """Return the difference of the object that explains most beyond a fit, to first order."""
+def _freed(fitter: Fitter, fit: Fit) -> tuple[float, dict[str, float], str]:
+    """Return the difference of the object that explains most beyond a fit, to first order.
+
+    It is given by its gain in held-out log score, the errors of the object by name, and the largest ones in words.
+    """
     problem = Problem.at(fitter, fit)
-    names = fitter.model.object_error_names
+    names = fitter.model.object_errors.names
     place = problem.positions(names)
     problem.prior_precision[place] /= FREED**2
     fitted, held = problem.changes_of_halves()
@@ -93,7 +76,7 @@ def _freed(fitter: Fitter, fit: Fit) -> ObjectDifference:
     after = [part - (step / problem.steps) @ rows for part, rows in zip(residuals, held, strict=True)]
     gain = (chi_square(fitter.held_weights, residuals) - chi_square(fitter.held_weights, after)) / 2
     errors = dict(zip(names, map(float, (problem.start + step)[place]), strict=True))
-    return ObjectDifference(gain, errors, _words(errors, np.sqrt(np.diag(information)[place])))
+    return gain, errors, _words(errors, np.sqrt(np.diag(information)[place]))
 
 
 def _words(errors: Mapping[str, float], sizes: np.ndarray) -> str:

@@ -95,18 +95,17 @@ def _piece(found: Sequence[Change]) -> Change | None:
     return next((change for change in found if change.piece is not None), None)
 
 
-def content_of(pieces: Sequence[Change], corrected: bool, excess: float | None = None) -> dict:
+def content_of(pieces: Sequence[Change], excess: float | None = None) -> dict:
     """Return section `object` of diagnosis.json.
 
     Parameters
     ----------
-    corrected : bool
-        Whether the diagnosis continued with the corrected object.
     excess : float, optional
-        Held-out log score beyond noise, of which the first piece explains a share.
+        Held-out log score beyond noise, of which the first piece explains a share; None: the diagnosis continued with
+        the corrected object.
     """
     listed = [
         {**piece.piece.content, "what": piece.words, "held_out_gain": piece.gain, "z": piece.z} for piece in pieces
     ]
     removes = {} if excess is None else {"removes": min(1.0, pieces[0].gain / max(excess, pieces[0].gain))}
-    return {"mended": corrected, "pieces": listed} | removes
+    return {"mended": excess is None, "pieces": listed} | removes

@@ -17,7 +17,7 @@ from scipy.sparse import issparse, sparray
 from ..fitting.fit import Fit
 from ..fitting.problem import Problem
 from ..fitting.steps import ScaledEigenvalues
-from ..fitting.templates import SMALL, whitened
+from ..fitting.templates import SMALL, whitened, whitened_columns
 from ..noise.condensed import Observed
 from ..residuals import KINDS
 from ..residuals.dataset import Change, PieceOfObject, Prepared
@@ -52,12 +52,10 @@ class _Side:
     @classmethod
     def of(cls, half: HalfResiduals, jacobian: list[np.ndarray], steps: np.ndarray) -> _Side:
         """Return the data of a half from its residuals and from changes of the prediction by steps of parameters."""
-        changes = [whitened([rows[number] for rows in jacobian], half.weights) for number in range(len(steps))]
-        root = np.sqrt(half.weights[0])
-        none = np.zeros(len(changes[0]) - root.size)
-        changes = [change / step for change, step in zip(changes, steps, strict=True)]
-        changes += [np.concatenate([root * error.ravel(), none]) for error in half.data.numerical]
+        changes, root = whitened_columns(jacobian, half.weights, steps), np.sqrt(half.weights[0])
         residual = whitened(half.residuals, half.weights)
+        none = np.zeros(residual.size - root.size)
+        changes += [np.concatenate([root * error.ravel(), none]) for error in half.data.numerical]
         return cls(residual, np.stack(changes, axis=1), root, np.ravel(half.data.scatter), half.data)
 
     def weighed(self, directions: Directions) -> Directions:
@@ -66,8 +64,7 @@ class _Side:
         if issparse(directions):  # directions of single views, which whitening would spread to other views
             return directions.multiply(root).tocsr()
         fields = (direction.reshape(self.data.mean.shape) for direction in directions.T)
-        white = [self.data.whitened(np.where(self.data.usable, field, 0)).ravel() for field in fields]
-        return np.stack(white, axis=1) * root
+        return np.stack([self.data.whitened(field).ravel() for field in fields], axis=1) * root
 
 
 def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change]:

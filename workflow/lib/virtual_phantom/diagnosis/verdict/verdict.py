@@ -153,9 +153,9 @@ def diagnose(
         "caveats": caveats(prepared, choice, fitter.model.tube_kvp, left),
     }
     if choice.piece is not None:
-        content["object"] = content_of([choice.piece], False, excess(prepared, choice.baseline.fit))
+        content["object"] = content_of([choice.piece], excess(prepared, choice.baseline.fit))
     elif pieces:
-        content["object"] = content_of(pieces, True)
+        content["object"] = content_of(pieces)
     return Diagnosis(choice, before, after, with_verdict_text(content, recording_lines(content)), prepared)
 
 

@@ -58,7 +58,8 @@ def caveats(
         )
     if tube_kvp is not None:
         found += [load(name).if_absent.format(tube_kvp=tube_kvp) for name in choice.alone if _is_absent(name, choice)]
-    if prepared.voxels and EDGES in [place.domain for place in left] and _along_edges(prepared, choice):
+    at_edges = prepared.voxels and EDGES in [place.domain for place in left]
+    if at_edges and prepared.share_at_edges(choice.chosen.fit) >= ALONG_EDGES:
         found.append(
             f"The remaining mismatch lies along edges, {prepared.voxels} would show whether anything else remains "
             "(docs/how-to/objects.md)."
@@ -79,11 +80,6 @@ def likeness(prepared: Prepared, choice: Choice) -> float:
     if reliability < SURE * sqrt(2 / recorded.size):
         return 1.0
     return min(float(np.corrcoef(recorded, modeled)[0, 1]) / sqrt(reliability), 1.0)
-
-
-def _along_edges(prepared: Prepared, choice: Choice) -> bool:
-    share = prepared.share_at_edges(choice.chosen.fit)
-    return share is not None and share >= ALONG_EDGES
 
 
 def _is_absent(name: str, choice: Choice) -> bool:
@@ -197,13 +193,13 @@ def statements(
     """Compare declared physics with a fit.
 
     The pull of a parameter is the difference of fitted and declared value over the root of the difference of their
-    variances. It is standard normal if the declaration is right [1]_. Values and variances are those of the fit
-    variable (Parameter.to_variable). Model errors add to the variance.
+    variances. It is standard normal if the declaration is right [1]_. Values and variances are of the fit variable
+    (Parameter.to_variable). Model errors add to the variance.
 
     Parameters
     ----------
     errors : mapping of str to mapping of str to float, optional
-        Standard errors with model errors, as `model_error.Errors` has them; None: those of the fit.
+        Standard errors with model errors, as `model_error.Errors` has them; None: errors of the fit.
 
     Returns
     -------
@@ -226,7 +222,7 @@ def statements(
             pull = 0.0
             if (number := numbers.get((name, key))) is not None:
                 of_noise, of_all = (number.number_error(value, sd) for sd in (error, whole))
-                # Variance by which the data have reduced that of the declaration, with a lower limit.
+                # Reduction of the variance of the declaration by the data, with a lower limit.
                 reduced = max(number.sd**2 - of_noise**2, (number.sd * LEAST_REDUCED) ** 2)
                 pull = (number.of(value) - number.expected) / sqrt(reduced + of_all**2 - of_noise**2)
             p = float(bonferroni(2 * stats.norm.sf(abs(pull)), max(len(numbers), 1)))
