@@ -115,10 +115,6 @@ class Plan:
         own = (protocol.voxels.spacing_mm if protocol.voxels else None for protocol in self.study.protocols.values())
         return sorted({tuple(size or self.study.grid.spacing_mm) for size in own})
 
-    def geometries(self) -> list[str]:
-        """Return the labels of all geometries, sorted."""
-        return sorted({self.geometry_of(protocol) for protocol in self.study.protocols})
-
     def seeds(self, noise: str) -> list[str]:
         """Return the two-digit seed labels of a noise level."""
         return [f"{seed:02d}" for seed in range(self.study.noise.levels[noise].repeats)]
