@@ -41,8 +41,9 @@ class Benchmark:
 
     def verdict_files(self) -> list[str]:
         """Return the verdict files of the program."""
-        found = sorted(map(str, Path(self.verdicts).glob("[!.]*.json"))) if self.verdicts else []
-        return found if self.verdicts else self.proof.all("verdict")
+        if not self.verdicts:
+            return self.proof.all("verdict")
+        return sorted(map(str, Path(self.verdicts).glob("[!.]*.json")))
 
     def given(self) -> dict:
         """Return what the diagnosis of each case is given, {case: {recording, object, model, effects}}."""
