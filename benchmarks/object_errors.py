@@ -12,16 +12,14 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import chain_scans
-from benchmarks.common.chain_scans import INSERTS, ROD, body
+from benchmarks.common.chain_scans import INSERTS, LIBRARY, ROD, body
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 
 SAMPLES, FINER = 4, 3
 KINDS = ("missing", "bubble", "denser", "material", "displaced", "rod")
-LIBRARY = [name for name in names() if not acts_on_images(name)]
 FIELDS = (
     "draw kind truth diagnosis verdict place_off_mm width_mm hu removes mended_verdict mended_effects seconds".split()
 )
