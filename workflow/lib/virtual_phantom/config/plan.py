@@ -129,7 +129,7 @@ class Plan:
         return self.seeds(noise)[: len(self.seeds(noise)) - len(self.repositioned_seeds(noise))]
 
     def levels_of(self, protocol: str, levels: Iterable[str]) -> tuple[str, ...]:
-        """Return those of some noise levels at which a protocol is scanned."""
+        """Return the noise levels among `levels` at which a protocol is scanned."""
         own = self.study.protocols[protocol].noise
         return tuple(noise for noise in levels if own is None or noise in own)
 
@@ -318,7 +318,7 @@ class Plan:
 
     @cached_property
     def variations(self) -> dict[str, Variation]:
-        """Extraction settings that `analyses.extraction` compares with those of the study, by name."""
+        """Extraction settings that `analyses.extraction` compares with the study's, by name."""
         axis, features = self.study.analyses.extraction, self.study.features
         if axis is None:
             return {}

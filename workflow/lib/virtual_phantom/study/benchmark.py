@@ -36,7 +36,7 @@ class Benchmark:
 
     @property
     def program(self) -> str:
-        """Name of the program: that of the folder."""
+        """Name of the program: the name of the folder with its verdicts."""
         return Path(self.verdicts).name if self.verdicts else "diagnosis"
 
     def verdict_files(self) -> list[str]:

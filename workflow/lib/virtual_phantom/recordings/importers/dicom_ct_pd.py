@@ -388,7 +388,7 @@ def _check_field(source: Path, lines: np.ndarray) -> None:
 
 
 def _check_shape(path: Path, scan: dict, diameter_mm: float) -> None:
-    """Compare the field of view stated in the header, mm, with those of a flat and of a cylindrical detector.
+    """Compare the field of view stated in the header, mm, with the fields of a flat and of a cylindrical detector.
 
     Raises
     ------
