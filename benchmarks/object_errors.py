@@ -118,7 +118,7 @@ def run(options):
         (row["place_off_mm"] for row in objects if row["kind"] != "displaced" and "place_off_mm" in row), default=0
     )
     print(f"in {np.median(seconds):.1f} s (median; {max(seconds):.0f} at most)")
-    print(f"inserts beside their places apart, at most {off:.1f} mm off")
+    print(f"location error, without displaced inserts: at most {off:.1f} mm")
     mended = [row for row in objects if row["diagnosis"] == "object"]
     match = sum(row["mended_verdict"] == "match" for row in mended)
     named = sum(row["mended_effects"] != "none" for row in mended)
