@@ -9,6 +9,7 @@ loses less than RULED_OUT of log score.
 import contextlib
 from dataclasses import replace
 
+from benchmarks import common
 from benchmarks.common import simulator_scans
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.selection.forward_selection import RULED_OUT, choose
@@ -61,7 +62,7 @@ def add_arguments(parser):
 
 
 def run(options):
-    config, counts = simulator_scans.default_config(), [0, 0]
+    config, counts = common.configuration(), [0, 0]
     for pair in PAIRS:
         for effect, rival in (pair, pair[::-1]):
             drawn = {"seed": options.seed, "effects": [effect], "strengths": [options.strength]}

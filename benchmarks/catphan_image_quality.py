@@ -95,8 +95,8 @@ def run(options):
     grid, spacing = volume.grid, volume.grid.spacing
     z = grid.centre_mm[2] + grid.axes_mm()[0]
 
-    def measured(kind, number, extra=0):
-        heights = (float(z[number - extra]) - 0.1, float(z[number + extra]) + 0.1)
+    def measured(kind, number):
+        heights = (float(z[number]) - 0.1, float(z[number]) + 0.1)
         return measure_module([volume.array], grid, ModuleSettings(ShapesObject(kind), heights))[0]
 
     print(f"pylinac {pylinac.__version__}\n")

@@ -18,12 +18,11 @@ from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, load, names
+from virtual_phantom.physics.effect import load
 
 WEAKEST, STRONGEST = 10.0, 200.0
 GEOMETRY = common.circular_scan(360, 64, 4, 8.0, view_interval_ms=2.5)
 SAMPLES = 2
-LIBRARY = [name for name in names() if not acts_on_images(name)]
 FIELDS = "draw truth stands step chosen equals verdict seconds".split()
 
 
@@ -39,7 +38,7 @@ def diagnose_subset(task):
     if draw % 4:
         target_snr = common.log_uniform(random, WEAKEST, STRONGEST)
         blank = prepared.prepare(chain_scans.scans(chain, {}, random), None, model, **options)
-        for name in map(str, random.permutation(LIBRARY)):
+        for name in map(str, random.permutation(chain_scans.LIBRARY)):
             with contextlib.suppress(ValueError):  # too weak within its range
                 physics[name] = chain_scans.strengths(name, target_snr, random, blank)
                 break
@@ -48,7 +47,7 @@ def diagnose_subset(task):
     for every in (1, step):
         began = time.perf_counter()
         prepared_data = prepared.prepare(taken, None, model, step=every, **options)
-        found = choose(prepared_data.fitter, trial(prepared_data.fitter, ()), LIBRARY)
+        found = choose(prepared_data.fitter, trial(prepared_data.fitter, ()), chain_scans.LIBRARY)
         content = diagnose("draw", prepared_data, found).content
         if every == 1:
             testable = physics and not any(load(name).pattern for name in physics)

@@ -18,6 +18,7 @@ from benchmarks import common
 from benchmarks.common.chain_scans import (
     EDGE_MM,
     GEOMETRY,
+    LIBRARY,
     PHOTONS,
     STRONGEST,
     WEAKEST,
@@ -38,7 +39,7 @@ from virtual_phantom.diagnosis.residuals.residual_tests import EDGE_SHARE, HalfR
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, load, names
+from virtual_phantom.physics.effect import load
 
 SQUARES_SD = 3.5  # threshold for sums of squares; false-positive rate below 1e-3
 LEFT_BINS = (WEAKEST, 10.0, 20.0, np.inf)
@@ -82,7 +83,7 @@ def diagnose_scan(task):
     bare = shapes_scene() if shaped else scene(edge_mm)
     chain = Chain(bare, GEOMETRY, PHOTONS, samples=finer * samples)
     model, floor = model_and_floor(bare, GEOMETRY, samples, photons=PHOTONS)
-    library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
+    library = shown = [name for name in LIBRARY if only is None or name in only]
     declarable = [name for name in library if not load(name).pattern]
     declared_physics, baseline = {}, {}
     if known:
@@ -97,7 +98,6 @@ def diagnose_scan(task):
     count = {"none": 0, "pair": 2}.get(kind, 1)
     truth = [str(name) for name in random.permutation(library)[:count]]
     if count == 1:
-        shown = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
         truth = [shown[draw % len(shown)]]
     physics = {}
     for name in truth:

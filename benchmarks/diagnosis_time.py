@@ -10,12 +10,11 @@ import time
 import numpy as np
 
 from benchmarks import common
-from benchmarks.common.chain_scans import PHOTONS, prepared_with_floor, scaled, scans, scene
+from benchmarks.common.chain_scans import LIBRARY, PHOTONS, prepared_with_floor, scaled, scans, scene
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names
 
 STRENGTH = 0.5
 GEOMETRY = common.circular_scan(180, 128, 16, 4.0, view_interval_ms=5.0)
@@ -41,11 +40,10 @@ def run(options):
     mark("preparation")
     baseline = trial(prepared_data.fitter, ())
     mark("alignment")
-    library = [name for name in names() if not acts_on_images(name)]
-    found = choose(prepared_data.fitter, baseline, library, options.processes)
+    found = choose(prepared_data.fitter, baseline, LIBRARY, options.processes)
     mark("choice")
     content = diagnose("benchmark", prepared_data, found).content
     mark("verdict")
     print(content["sentence"])
-    print(f"all {sum(marks.values()):.0f} s, {len(library)} candidates, {options.processes} processes")
+    print(f"all {sum(marks.values()):.0f} s, {len(LIBRARY)} candidates, {options.processes} processes")
     print(f"load of the machine over the last 5 minutes {os.getloadavg()[1]:.1f}, {os.cpu_count()} cores")

@@ -5,11 +5,8 @@ Needs the fine phantom of a completed default study. Effects have typical streng
 
 from pathlib import Path
 
-import yaml
-
 from benchmarks import common
 from virtual_phantom.base.geometry import grid_of, scan_geometry
-from virtual_phantom.config.config import read_study
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
@@ -24,7 +21,7 @@ def add_arguments(parser):
 
 
 def run(options):
-    config = read_study(yaml.safe_load((common.ROOT / "config" / "paper_groups.yaml").read_text(encoding="utf-8")))
+    config = common.configuration()
     phantom, mu_water = read_nifti(options.phantom), config.mu_water_per_mm
     few, geometry = (scan_geometry(config.scan, views, grid_of(config.grid)) for views in (2, options.views))
 

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import common
-from benchmarks.common.chain_scans import GEOMETRY, PHOTONS, prepared_with_floor, scans, scene, strengths
+from benchmarks.common.chain_scans import GEOMETRY, LIBRARY, PHOTONS, prepared_with_floor, scans, scene, strengths
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD, LEAST_GAIN
 from virtual_phantom.diagnosis.selection.screening import Screened, screened, worth_fitting
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names
 
 WANTED = (4000.0, 8.0, 60.0, 600.0)  # signal-to-noise ratios; the strongest are the least linear
 SAMPLES = 2
@@ -26,10 +25,9 @@ def drawn(name, target_snr, random, prepared_data, exact):
     physics = {name: exact.fixed_parameters(name) | strengths(name, target_snr, random, prepared_data)}
     ready = prepared_with_floor(scans(exact, physics, random), scene(), GEOMETRY, SAMPLES)
     baseline = trial(ready.fitter, ())
-    library = [name for name in names() if not acts_on_images(name)]
-    found = screened(ready.fitter, baseline.fit, library)
-    fits = {one: trial(ready.fitter, (one,), baseline, baseline) for one in library}
-    return {one: (found[one].gain, found[one].blind, fits[one].score - baseline.score, found[one].p) for one in library}
+    found = screened(ready.fitter, baseline.fit, LIBRARY)
+    fits = {one: trial(ready.fitter, (one,), baseline, baseline) for one in LIBRARY}
+    return {one: (found[one].gain, found[one].blind, fits[one].score - baseline.score, found[one].p) for one in LIBRARY}
 
 
 def summary(rows):
@@ -62,7 +60,7 @@ def run(options):
     root = np.random.SeedSequence(options.seed)
     nothing = scans(exact, {}, np.random.default_rng(root))
     prepared_data = prepared_with_floor(nothing, scene(), GEOMETRY, SAMPLES)
-    tasks = [(target_snr, name) for target_snr in options.wanted for name in names() if not acts_on_images(name)]
+    tasks = [(target_snr, name) for target_snr in options.wanted for name in LIBRARY]
     for place, (target_snr, name) in enumerate(tasks):
         if (name, target_snr) in there:
             continue

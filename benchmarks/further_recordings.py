@@ -134,8 +134,8 @@ def counted(rows):
         alone = sum(right_alone(row) for row in of)
         first, last = (sum(str(row[key]) == "True" for row in open_) for key in ("first_right", "last_right"))
         print(
-            f"{group}: {len(of)} draws; told by one scan {alone}; ambiguous {len(open_)}: right with the scan ranked "
-            f"first {first}, with the last {last}; right at last {alone + first} of {len(of)}"
+            f"{group}: {len(of)} draws; identified by one scan {alone}; ambiguous {len(open_)}: right with the scan "
+            f"ranked first {first}, with the last {last}; right at last {alone + first} of {len(of)}"
         )
 
 

@@ -54,8 +54,8 @@ def object_hu():
 def outcome(read, same, independent=None):
     """Outcome of one file, and the text to print for a fault.
 
-    `read` returns the result, `same` tells whether a result is that of the unmodified file, and `independent` whether
-    another reader gives the same result.
+    `read` returns the result, `same` whether a result equals the unmodified file's, and `independent` whether another
+    reader gives the same result.
     """
     try:
         with collected_notes() as notes:

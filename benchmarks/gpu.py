@@ -88,14 +88,14 @@ def compare(config, projections, threads):
     difference = np.sqrt(np.mean((image - reference)[inside] ** 2)) / spread
     print(f"  Chebyshev SIRT {chebyshev:.1f} s, its projections alone {projecting:.1f} s")
     print(f"  {sirt_settings['iterations']} plain iterations of ASTRA {plain:.1f} s: {plain / chebyshev:.1f} times")
-    print(f"  images apart by {difference:.2%} of the noise's standard deviation")
+    print(f"  images differ by {difference:.2%} of the noise's standard deviation")
     if threads:
         cpu = CpuProjector(geometry, grid, threads=threads)
         began = time.perf_counter()
         theirs = sirt(cpu, lines + noise, **sirt_settings)[0]
         seconds = time.perf_counter() - began
         difference = np.sqrt(np.mean((image - theirs)[inside] ** 2)) / spread
-        print(f"  the CPU engine's image, {threads} threads, {seconds:.1f} s, is apart by {difference:.2%} of it")
+        print(f"  the CPU engine's image, {threads} threads, {seconds:.1f} s, differs by {difference:.2%} of it")
     print(f"  memory of this process so far {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.1f} GiB,")
     print(f"  of the device, without ASTRA's own copies, {allocated / 2**30:.1f} GiB", flush=True)
 

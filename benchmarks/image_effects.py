@@ -223,7 +223,7 @@ def recorded(simulator, kind, number, seed):
 
 
 def diagnosed(case):
-    """Row of one case."""
+    """The row of one case, in a list."""
     simulator, kind, number, seed, wanted, own_simulation = case
     images, name, values = recorded(simulator, kind, number, seed)
     detector = dict(columns=COLUMNS, rows=1, column_pitch_mm=MM, row_pitch_mm=MM)
@@ -259,7 +259,7 @@ def diagnosed(case):
     held = {key: known[key] for key in values if key in known}
     covered = sum(low <= values[key] <= high for key, (low, high) in held.items())
     texts = [f"{key} {low:.3g} to {high:.3g}, true {values[key]:.3g}" for key, (low, high) in held.items()]
-    return {
+    row = {
         "kind": kind,
         "object": name,
         "number": number,
@@ -271,6 +271,7 @@ def diagnosed(case):
         "covered": covered,
         "values": "; ".join(texts),
     }
+    return [row]
 
 
 def add_arguments(parser):
@@ -292,7 +293,7 @@ def run(options):
     done = {(row["kind"], int(row["number"])) for row in rows}
     more = options.seed, wanted, options.own_simulation
     cases = [(options.simulator, *one, *more) for one in drawn if one not in done]
-    for (row,) in common.parallel_rows(_rows, cases, options, FIELDS, append=True):
+    for (row,) in common.parallel_rows(diagnosed, cases, options, FIELDS, append=True):
         rows.append(row)
         print(", ".join(str(value) for value in row.values()), flush=True)
     pairs = [float(row["score"]) for row in rows if "+" in row["kind"]]
@@ -305,7 +306,3 @@ def run(options):
     )
     covered, intervals = (sum(int(row[key]) for row in rows) for key in ("covered", "intervals"))
     print(f"intervals that cover: {covered} of {intervals}")
-
-
-def _rows(case):
-    return [diagnosed(case)]

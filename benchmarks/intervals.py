@@ -76,7 +76,7 @@ def line(words, rows):
 
 
 def counted(cases):
-    print(f"{'parameters of':24} {'n':>4}  noise 50/80/95  as normal  as told  times as wide (median)")
+    print(f"{'parameters of':24} {'n':>4}  noise 50/80/95  as normal  as reported  times as wide (median)")
     by_effect = {}
     for case in cases:
         by_effect.setdefault(case["effect"], []).extend(case["parameters"])

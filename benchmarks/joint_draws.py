@@ -91,7 +91,7 @@ def counted(draws):
     every = [row for draw in draws for row in draw["both"]]
     for effect in sorted({row["effect"] for row in every}):
         rows = [row for row in every if row["effect"] == effect]
-        share = 100 * coverage(rows, "whole")[-1]
+        share = 100 * coverage(rows, "noise", "whole")[-1]
         print(f"  {effect:24} {len(rows):3}  {share:3.0f} % by {100 * LEVELS[-1]:g} % intervals")
 
 

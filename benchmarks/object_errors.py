@@ -12,16 +12,14 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import chain_scans
-from benchmarks.common.chain_scans import INSERTS, ROD, body
+from benchmarks.common.chain_scans import INSERTS, LIBRARY, ROD, body
 from virtual_phantom.diagnosis.run import find_missing_physics
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 
 SAMPLES, FINER = 4, 3
 KINDS = ("missing", "bubble", "denser", "material", "displaced", "rod")
-LIBRARY = [name for name in names() if not acts_on_images(name)]
 FIELDS = (
     "draw kind truth diagnosis verdict place_off_mm width_mm hu removes mended_verdict mended_effects seconds".split()
 )
@@ -120,7 +118,7 @@ def run(options):
         (row["place_off_mm"] for row in objects if row["kind"] != "displaced" and "place_off_mm" in row), default=0
     )
     print(f"in {np.median(seconds):.1f} s (median; {max(seconds):.0f} at most)")
-    print(f"inserts beside their places apart, at most {off:.1f} mm off")
+    print(f"location error, without displaced inserts: at most {off:.1f} mm")
     mended = [row for row in objects if row["diagnosis"] == "object"]
     match = sum(row["mended_verdict"] == "match" for row in mended)
     named = sum(row["mended_effects"] != "none" for row in mended)

@@ -1,10 +1,10 @@
-"""Diagnose scans with a slightly wrong object, told as exact and with its default uncertainty (20 minutes of CPU).
+"""Diagnose scans with a slightly wrong object, described as exact and with its default uncertainty (20 minutes of CPU).
 
-Scans are by the simulator of the blind validation. With nothing hidden, the told object is changed; with a hidden
-effect, it is the known phantom of the validation. Finished cases of the output file are not repeated.
+Scans are by the simulator of the blind validation. With nothing hidden, the object's description is changed. With a
+hidden effect, it is the known phantom of the validation. Finished cases of the output file are not repeated.
 
 Development seeds were 101 and 102. The results in docs/validation/limits.md are for the 56 finished cases of the seeds
-7201 and 7202. The other cases have not been run. The validation record has those of seed 7203, by photons and repeats.
+7201 and 7202. The other cases have not been run. The validation record has seed 7203, by photons and repeats.
 """
 
 import os
@@ -78,7 +78,7 @@ def diagnosed(folder, model, exact, config):
 
 
 def rows_of(case, model, config, folder):
-    """Rows of a case, with the object told as exact and with its default uncertainty."""
+    """Rows of a case, with the object described as exact and with its default uncertainty."""
     image, effect = read_nifti(folder / "as_scanned.nii.gz"), case["hidden"]
     write_nifti(Volume(TOLD[case["told"]](image.array).astype(np.float32), image.grid), folder / "image.nii.gz")
     for exact in (True, False):
@@ -124,7 +124,7 @@ def run(options):
         for case in cases(options):
             if key_of(case) in done:
                 continue
-            if scanned != key_of(case)[:-1]:  # the told objects of a scan come after each other
+            if scanned != key_of(case)[:-1]:  # the descriptions of a scan's object come after each other
                 scanned = key_of(case)[:-1]
                 folder = Path(root, *scanned)
                 folder.mkdir(parents=True)

@@ -71,10 +71,10 @@ def project(fine, scan, mu_water=MU_WATER):
     return -np.log(np.exp(-parts).mean(axis=3))
 
 
-def bone_mm(phantom, fine, scan, mu_water=MU_WATER):
+def bone_mm(phantom, fine, scan):
     """Mean path lengths through bone, by ASTRA."""
     scanned = OBJECTS[phantom]
-    shares = materials(fine, scanned, scan.kev, mu_water).fractions
+    shares = materials(fine, scanned, scan.kev, MU_WATER).fractions
     return line_integrals(shares[scanned.dense][0].astype(np.float64), fine.grid, scan).mean(axis=3)
 
 

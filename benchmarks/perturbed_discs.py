@@ -37,7 +37,7 @@ from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.proof.hiding.case import ADMITTED
 from virtual_phantom.proof.scoring.intervals import share_of
-from virtual_phantom.recordings.importers import write_line_integrals
+from virtual_phantom.recordings.importers import write_projections
 from virtual_phantom.recordings.reading import load_recording
 
 SOLID = "solid_disc"
@@ -186,7 +186,7 @@ def write_reduced(source: Path, target: Path, lines: np.ndarray) -> None:
     views, columns = lines.shape
     document["scan"] |= {"views": views, "views_per_rotation": views, "columns": columns, "column_pitch_mm": pitch}
     angles = START_ANGLE_DEG + np.arange(views) * 360 / views
-    write_line_integrals(target / "projections.h5", lines[:, None].astype(np.float32), angles)
+    write_projections(target / "projections.h5", lines[:, None].astype(np.float32), angles)
     (target / "recording.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
     if (source / "object.nii.gz").is_file():
         shutil.copy(source / "object.nii.gz", target)

@@ -75,7 +75,7 @@ def print_halves(discs: Mapping[str, Prepared], effects: Sequence[str]) -> None:
     halves = [
         JointFitter({name: discs[name].fitter for name in names[first::2]}).fit(tuple(effects)) for first in (0, 1)
     ]
-    print("\n| number | one half of the discs | the other | apart, standard errors of noise |\n|---|---|---|---|")
+    print("\n| parameter | one half of the discs | the other half | difference, noise SDs |\n|---|---|---|---|")
     for effect in effects:
         for key in halves[0].errors[effect]:
             (one, other), errors = (

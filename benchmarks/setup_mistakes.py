@@ -15,6 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from benchmarks import common
+from benchmarks.common import chain_scans
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Stream, generator
@@ -27,7 +28,6 @@ from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
 from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.recordings.scan import scan_geometry
 
-PHOTONS, REPEATS = 1e5, 4
 REACH = {"x_mm": 5.0, "y_mm": 5.0, "z_mm": 5.0, "turn_deg": 2.5}
 LN_10 = np.log(10)
 # Physics that the comparison does not model; two per realization.
@@ -89,15 +89,6 @@ def scanner(random):
         "direction": int(random.choice([-1, 1])),
         "view_interval_ms": 5.0,
     }
-
-
-def scanned(scene, scan, physics, random, pose):
-    """Line integrals of repeats."""
-    chain = Chain(scene, scan_geometry(scan, "scan"), samples=2)
-    state = chain.state(physics, photons=PHOTONS, pose=pose)
-    air = state.measured_air
-    made = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(REPEATS)]
-    return np.stack(made).astype(np.float32)
 
 
 def mistaken(kind, scan, lines, random):
@@ -176,7 +167,8 @@ def run(options):
                 pose = Pose()
             if kind == "last view at the angle of the first":
                 scan["views_per_rotation"] -= 1
-            lines = scanned(objects[0], scan, physics, random, pose)
+            chain = Chain(objects[0], scan_geometry(scan, "scan"), samples=2)
+            lines = chain_scans.scans(chain, physics, random, pose).repeats
             made = str(random.choice(["direction", "start angle"])) if kind == "hidden" else kind
             described, data = mistaken(made, scan, lines, random)
             began = time.process_time()

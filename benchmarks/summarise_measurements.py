@@ -31,13 +31,13 @@ def summarise(table: pd.DataFrame, keys: list[str], features: tuple[str, ...]) -
     )
 
 
-def draw_scores(study: pd.DataFrame, drawn: dict = DRAWN) -> pd.DataFrame:
+def draw_scores(study: pd.DataFrame) -> pd.DataFrame:
     """Scores from equal repeats as counts of comparisons: a row per draw and kind, a column per feature.
 
     All groups take the same acquisitions, as the study did.
     """
     rows = []
-    for acquisitions, numbers in drawn.items():
+    for acquisitions, numbers in DRAWN.items():
         table = study if acquisitions == "all" else study[study["repositioned"] == 0]
         for number in numbers:
             scores = repeats.score_draws(

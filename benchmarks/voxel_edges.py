@@ -24,7 +24,6 @@ from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.physics.beam.materials import Segmentation, attenuation_per_mm, energy_of
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names
 from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, ellipsoid
 
@@ -38,7 +37,6 @@ GEOMETRY = circular_scan(60, 64, 4, 1040 / 570, view_interval_ms=10.0)  # pixels
 EXTENT_MM = (12.0, 44.0, 60.0)
 EXACT_SAMPLES, SAMPLES = 8, 2  # rays per pixel and direction
 POINTS = (4, 8, 8)  # per voxel along z, y and x, for its shares
-LIBRARY = [name for name in names() if not acts_on_images(name)]
 KEYS = ("seed", "body", "form", "width", "photons", "repeats", "hidden", "snr")
 FIELDS = (*KEYS, "verdict", "named", "right", "unexplained", "cpu_s")
 
@@ -100,7 +98,7 @@ def diagnosed(case, folder):
     taken = chain_scans.scans(chain(exact, photons), physics, random, repeats=case["repeats"])
     began = sum(os.times()[:4])
     data = prepare(taken, scene, photons, uncertain=uncertain, coarse=coarse)
-    found = find_missing_physics("scan", data, LIBRARY, defaults_of("diagnosis", "model_accuracy"))
+    found = find_missing_physics("scan", data, chain_scans.LIBRARY, defaults_of("diagnosis", "model_accuracy"))
     return physics, found, round(sum(os.times()[:4]) - began, 1)
 
 

@@ -64,7 +64,7 @@ def test_checking_and_completing_change_nothing(name):
     for one in boxed:  # images have no effects in this configuration
         config["protocols"][one]["physics"] = {"scatter": None}
     before = copy.deepcopy(config)
-    assert check(config) is None and config == before
+    assert check(config) and config == before
     whole = complete(config)
     assert config == before
     assert whole["protocols"]

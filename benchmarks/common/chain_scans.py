@@ -17,11 +17,12 @@ from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.beam.materials import Segmentation
-from virtual_phantom.physics.effect import load
+from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.physics.scenes.scene import IN_PLACE, VoxelScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 
 PHOTONS, REPEATS = 1e5, 4
+LIBRARY = [name for name in names() if not acts_on_images(name)]  # effects on projections
 WEAKEST, STRONGEST = 5.0, 50.0
 STATED = 0.05  # relative SD of a declared parameter
 FAINTEST, LEAST_SHARE = 1e-3, 1e-5  # lower limits of the signal-to-noise ratio and of the share of a range
@@ -31,7 +32,7 @@ ROD = ((-10, 45, 0), 12.0)
 GEOMETRY = circular_scan(90, 64, 8, 8.0, view_interval_ms=10.0)
 
 
-def scene(edge_mm=EDGE_MM, threads=1):
+def scene(edge_mm=EDGE_MM):
     """Elliptic body with off-axis bone, fat and dense inserts; edges blurred by a Gaussian."""
     grid = Grid((48, 192, 192), (1.5, 1.5, 1.5))  # a third of a pixel at the isocenter
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
@@ -40,7 +41,7 @@ def scene(edge_mm=EDGE_MM, threads=1):
     hu = np.where((x + 40) ** 2 + (y + 20) ** 2 + (z + 5) ** 2 < 18**2, -80.0, hu)
     hu = np.where((x + 10) ** 2 + (y - 45) ** 2 < 12**2, 300.0, hu)
     hu = ndimage.gaussian_filter(hu, np.array(edge_mm) / grid.spacing, mode="nearest")
-    return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193, threads)
+    return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193, 1)
 
 
 def body(**changes):
@@ -63,7 +64,7 @@ def scans(chain, physics, random, pose=IN_PLACE, repeats=REPEATS):
 
 
 def strengths(name, target_snr, random, prepared_data):
-    """Parameters of an effect with a signal-to-noise ratio of `wanted`, or the largest that its range allows."""
+    """Parameters of an effect with a signal-to-noise ratio of `target_snr`, or the largest that its range allows."""
     effect = load(name)
     every = prepared_data.fitter.model.parameters(name)
     typical = prepared_data.fitter.model.chain.fixed_parameters(name) | {

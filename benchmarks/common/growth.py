@@ -27,7 +27,7 @@ def measured(repeats):
     for of, sizes, action in (
         ("voxels", [edge**3 * 3 // 8 for edge in EDGES], [pair(edge=edge) for edge in EDGES]),
         ("views", VIEWS, [pair(views=views) for views in VIEWS]),
-        ("realisations", LANES, [pair(lanes=lanes) for lanes in LANES]),
+        ("realizations", LANES, [pair(lanes=lanes) for lanes in LANES]),
         ("ROIs", ROIS, [features(count) for count in ROIS]),
     ):
         rows += fitted(of, sizes, medians(action, repeats))

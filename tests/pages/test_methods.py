@@ -43,7 +43,7 @@ CHANGES = {  # path of a setting: (changed value, its text, text that the change
         "group_7 (kernel with MTF50 3.21/cm",
         "group_7 (kernel with MTF50 3.1/cm",
     ),
-    "physics.from": ("bench", "Simulated physical effects: those of the diagnosis of bench.", "No physical"),
+    "physics.from": ("bench", "Simulated physical effects: the effects of the diagnosis of bench.", "No physical"),
     "physics": ({"scatter": {"amount": 0.04}}, "Simulated physical effects: scatter (amount = 0.04).", "No physical"),
     "features.section": ("whole", "each ROI (3D)", "largest slice"),
     "features.stored_offset_hu": (0, "no resampling.", "added to HU"),

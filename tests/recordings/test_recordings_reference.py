@@ -9,6 +9,7 @@ from recording_folders import features_folder, features_table, write_yaml
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.extraction import FEATURES
+from virtual_phantom.features.names import features_of
 from virtual_phantom.recordings import reference
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.reading import load_recording
@@ -19,6 +20,11 @@ real = [
     pytest.mark.real,
     pytest.mark.skipif(not REAL.exists(), reason="the real measurements are not beside this checkout"),
 ]
+
+
+def images_of(recording):
+    table = reference.with_group(reference.in_hu(recording), recording.conditions)
+    return table[["group", "roi", "tissue_class", *features_of(table)]]
 
 
 def of(recording, **options):
@@ -49,15 +55,11 @@ def test_conditions_are_numbered_in_their_order(recording):
         3,
         3,
     ]
-    each = of(recording)
-    assert list(each.columns) == ["group", "roi", "tissue_class", *FEATURES] and len(each) == 12
-    means = of(recording, per="condition")
-    assert len(means) == 6
+    means = of(recording)
+    assert list(means.columns) == ["group", "roi", "tissue_class", *FEATURES] and len(means) == 6
     rows = recording.repeats.query("dose_mgy == 10 and roi == 'cyst_1'")
     found = means.query("group == 1 and roi == 'cyst_1'")
     assert found[list(FEATURES)].iloc[0].to_numpy() == pytest.approx(rows[list(FEATURES)].mean().to_numpy())
-    with pytest.raises(InputError, match="per is 'roi'; use one of image, condition"):
-        of(recording, per="roi")
 
 
 def test_conditions_select_rows(recording):
@@ -70,13 +72,13 @@ def test_conditions_select_rows(recording):
 
 
 def test_condition_has_a_name_and_the_mean_of_its_images(recording):
-    table = of(recording, per="condition", named=True)
+    table = of(recording, named=True)
     assert table["condition"].tolist() == ["10", "10", "20", "20", "30", "30"]
     ten = recording.repeats[recording.repeats["dose_mgy"] == 10]
     mean = ten.groupby("roi", sort=False)["original_firstorder_Mean"].mean()
     assert table.loc[table["condition"] == "10", "original_firstorder_Mean"].tolist() == pytest.approx(mean.tolist())
     with pytest.raises(InputError, match="'scanner' is not a column of the features"):
-        reference.reference_features(reference.in_hu(recording), ["scanner"], per="condition")
+        reference.reference_features(reference.in_hu(recording), ["scanner"])
 
 
 def test_stored_values_are_converted_to_hu(tmp_path):
@@ -84,7 +86,7 @@ def test_stored_values_are_converted_to_hu(tmp_path):
     write_yaml(folder, content | {"features": {"stored_offset_hu": 1000}})
     for name, start in (("a", 0), ("b", 3)):
         features_table(start=start, mean=1040).to_csv(folder / f"{name}.csv", index=False)
-    table = of(load_recording(folder))
+    table = images_of(load_recording(folder))
     assert table["original_firstorder_Median"].mean() == pytest.approx(40, abs=1)
     contrast = "original_glcm_Contrast"  # textures are unchanged
     stored = pd.concat([features_table(start=start, mean=1040) for start in (0, 3)])
@@ -153,17 +155,16 @@ class TestReal:
             assert np.corrcoef(shipped[f"{kind}_percent"], scores[f"{kind}_percent"])[0, 1] > 0.99
 
     def test_means_equal_those_in_resources(self, study):
-        means = of(study, per="condition").sort_values(["group", "roi"], ignore_index=True)
+        means = of(study).sort_values(["group", "roi"], ignore_index=True)
         shipped = measured.group_means()[list(means.columns)].sort_values(["group", "roi"], ignore_index=True)
         pd.testing.assert_frame_equal(means, shipped, rtol=1e-6, check_dtype=False)
 
     def test_both_recordings_are_markers_and_lists(self, study, dose_series):
-        simulated = of(dose_series).rename(columns={"group": "seed"})
+        simulated = images_of(dose_series).rename(columns={"group": "seed"})
         simulated = simulated.assign(protocol="a", algorithm="FBP", projections=1, noise="n", noise_level=1.0)
-        for per, count in (("image", len(study.repeats)), ("condition", 48)):
-            points = pca.project(simulated, of(study, per=per))
-            assert (points["source"] == "measured").sum() == count
-            assert points.loc[points["source"] == "measured", "group"].nunique() == 8
+        points = pca.project(simulated, of(study))
+        assert (points["source"] == "measured").sum() == 48
+        assert points.loc[points["source"] == "measured", "group"].nunique() == 8
         shared = ranking.overlap(
             reference.stability_scores(dose_series, 10),
             reference.stability_scores(study, 10),

@@ -27,7 +27,7 @@ WIDE = DEFAULT | {
 def plan(config):
     plan = Plan(read_study(config))
     grid_of(plan.study.grid)
-    labels = plan.geometries()
+    labels = sorted({plan.geometry_of(protocol) for protocol in plan.study.protocols})
     for path in (*labels, *plan.study.noise.levels, *plan.study.protocols, *plan.study.recordings):
         assert path.replace("_", "").isalnum() and path.isascii() and len(path) <= 250, path
     for label in labels:

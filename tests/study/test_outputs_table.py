@@ -14,7 +14,7 @@ def test_unknown_parts_remain_wildcards():
     assert files("image", noise="low") == "a {b}/results/images/{protocol}/low/seed{seed}.nii.gz"
     assert files("image", protocol="p", noise="low", seed="07") == "a {b}/results/images/p/low/seed07.nii.gz"
     assert files("figure_rois", ".pdf") == "a {b}/results/figures/rois.pdf"
-    assert files.benchmark("project/{geometry}", geometry="g") == "a {b}/results/logs/project/g.benchmark.tsv"
+    assert files.benchmark("project/g") == "a {b}/results/logs/project/g.benchmark.tsv"
 
 
 @pytest.mark.parametrize("name, suffix", [("figure_rois", ""), ("image", ".png"), ("imag", "")])

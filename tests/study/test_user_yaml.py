@@ -185,7 +185,7 @@ def test_null_that_removes_nothing_is_noted(content, name, advice, capsys, tmp_p
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"Note: {path}: {name}: null removes nothing, as there is no such entry; ")
     assert line.endswith(advice)
-    read_config.note_idle_nulls([path, PAPER_GROUPS])
+    read_config.read_configs([path, PAPER_GROUPS])
 
 
 @pytest.mark.parametrize("files", [("tiny",), ("printed_phantom",), ("recordings", "tiny"), ("stability_only",)])

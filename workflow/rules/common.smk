@@ -42,7 +42,7 @@ def reported(path):
 
 
 def named(protocols, wildcards):
-    """Return the protocols of a job: those of its rule, or the one of the wildcard."""
+    """Return the protocols of a job, with its wildcards filled in."""
     return [name.format(**wildcards) for name in protocols]
 
 

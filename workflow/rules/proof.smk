@@ -69,7 +69,7 @@ rule proof_diagnosis:
         effects=lambda wildcards: proof.tried_on(wildcards.case),
         same_material=True,
         accuracy=context.study.diagnosis.model_accuracy,
-        # As for users: some scans have deviations that are too small to be relevant, and nobody is told of them.
+        # As for users: some scans have deviations that are too small to be relevant, and they are not declared.
         matters=context.study.diagnosis.matters,
         code=lambda wildcards: code("diagnose.py", proof.tried_on(wildcards.case)),
     script:
@@ -186,7 +186,7 @@ rule hide:
 
 
 rule score_verdicts:
-    """Open the seals of a suite and score the verdicts of a program: those of the key verdicts, or of the diagnosis."""
+    """Open the seals of a suite and score the verdicts of the key `verdicts`, or of the diagnosis."""
     input:
         sealed=rules.proof_seal.output.sealed,
         seals=rules.proof_seal.output.seals,

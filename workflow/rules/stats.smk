@@ -140,7 +140,6 @@ rule extraction_settings:
     input:
         features=rules.merge_features.output[0],
         settings=selections.setting_tables(),
-        parameters=context.parameter_files,
     output:
         features=results("extraction.csv"),
         settings=reported("tables/extraction_settings.csv"),
@@ -156,9 +155,7 @@ rule extraction_settings:
         images=context.plan.extracted_images(),
         seeds=context.plan.extracted_repeats() if context.plan.variations else 0,
         variations=to_mapping(context.plan.variations),
-        parameters=context.parameters,
         statistics=to_mapping(context.study.statistics),
-        cut_offs=selections.cut_offs,
         code=code("extraction_settings.py"),
     script:
         "../scripts/extraction_settings.py"

@@ -11,7 +11,7 @@ def main(*, step: str, lanes: int, method: str | None, output: str) -> None:
     from virtual_phantom.reconstruction.images import compile_functions
 
     compile_functions(step, lanes, method)
-    write_text(f"{lanes} realisations\n", output)
+    write_text(f"{lanes} realizations\n", output)
 
 
 if "snakemake" in globals():

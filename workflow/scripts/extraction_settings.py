@@ -26,12 +26,11 @@ def main(
 ) -> None:
     conditions = {tuple(pair): number for number, pair in enumerate(images, 1)}
     own = read_features(features_file)
-    parts = [select(own, protocols=[protocol], noise=[noise], seeds=seeds) for protocol, noise in conditions]
-    tables = {OWN: pd.concat(parts, ignore_index=True)}
+    parts = {OWN: [select(own, protocols=[protocol], noise=[noise], seeds=seeds) for protocol, noise in conditions]}
     for path in map(Path, setting_files):
         setting, protocol, noise = path.parts[-3], path.parts[-2], path.stem
-        tables.setdefault(setting, []).append(files.read_csv(path).assign(protocol=protocol, noise=noise))
-    tables = {name: table if name == OWN else pd.concat(table, ignore_index=True) for name, table in tables.items()}
+        parts.setdefault(setting, []).append(files.read_csv(path).assign(protocol=protocol, noise=noise))
+    tables = {name: pd.concat(tables, ignore_index=True) for name, tables in parts.items()}
     tables = {
         name: table.assign(group=[conditions[pair] for pair in zip(table["protocol"], table["noise"], strict=True)])
         for name, table in tables.items()

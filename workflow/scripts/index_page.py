@@ -27,10 +27,9 @@ def main(
     figures = study.report_figures(figure_files, caption_files, figure_titles)
     tables = [index.LinkedTable(title, Path(path)) for title, path in zip(table_titles, table_files, strict=True)]
     diagnoses = [Path(path) for path in reports if Path(path).exists()]
-    beside = {title: index_page for title, index_page in other_pages.items() if (target.parent / index_page).exists()}
-    beside_pages = (beside, pairs, impossible)
-    index_page = index.index_page(target.parent, figures, tables, diagnoses, config, commands, *beside_pages)
-    files.write_text(index_page, target)
+    existing = {title: address for title, address in other_pages.items() if (target.parent / address).exists()}
+    html = index.index_page(target.parent, figures, tables, diagnoses, config, commands, existing, pairs, impossible)
+    files.write_text(html, target)
     log.info("%d figures, %d tables, %d diagnoses", len(figures), len(tables), len(diagnoses))
 
 

@@ -18,8 +18,8 @@ def main(*, features_file: str, levels: Sequence[str], output: str) -> None:
     features = tables.read_features(features_file)
     if VARIANCE not in features:
         raise InputError(
-            f"{features_file}: has no {VARIANCE}, by which matched noise levels are told; have firstorder "
-            "extracted of the original image"
+            f"{features_file}: has no {VARIANCE}, which is needed to match noise levels; extract firstorder "
+            "features of the original image"
         )
     rows = []
     for path in levels:

@@ -39,7 +39,7 @@ def main(
             ):
                 log.warning("recording %s: setting: %s", name, line)
             conditions = by or conditions_of[name]
-            parts.append(reference_features(table, conditions, "condition", named=bool(by)))
+            parts.append(reference_features(table, conditions, named=bool(by)))
         shown = pd.concat(parts, join="inner", ignore_index=True)
     elif not measured_settings["overlay"]:
         shown = None

@@ -46,8 +46,8 @@ def main(
     for image in images:
         if image.physics and image.voxels is not None:
             raise InputError(
-                f"{physics_files[0]}: {min(image.physics)} acts on whole images, and those of protocol "
-                f"{image.protocol} are made in boxes; take its voxels out"
+                f"{physics_files[0]}: {min(image.physics)} acts on whole images, but the images of protocol "
+                f"{image.protocol} are boxes around ROIs; remove its key voxels"
             )
     keep_clean = any(image.algorithm == "fbp" and image.settings.noise_kernel for image in images)
     noisy, read, noise_free, geometries = None, None, {}, []

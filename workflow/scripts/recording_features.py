@@ -36,7 +36,7 @@ def main(
         table = pd.concat(tables, ignore_index=True)
         table = table.assign(tissue_class=table["roi"].map(classes))
     else:
-        raise InputError(f"recording {name}: of {recording.kind} there are no features")
+        raise InputError(f"recording {name}: {recording.kind} have no features; use a recording of images or features")
     files.write_csv(table, output)
     log.info("%d rows of %d images", len(table), table["image"].nunique())
 

@@ -9,7 +9,6 @@ import numpy as np
 from .errors import InputError
 
 HU_AIR = -1000.0
-HU_WATER = 0.0
 HU_BODY = -500.0  # halfway from air to water; denser voxels belong to the object
 
 

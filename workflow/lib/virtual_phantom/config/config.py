@@ -29,8 +29,8 @@ NAMED = (("protocols",), ("noise", "levels"), ("scans",), ("diagnosis", "recordi
 NAMED += (("analyses", "pca"), ("analyses", "comparison"))
 
 
-def check(settings: Mapping) -> None:
-    """Check a configuration without changing it.
+def check(settings: Mapping) -> dict:
+    """Return a checked copy of a configuration with the schema's defaults.
 
     Parameters
     ----------
@@ -44,7 +44,10 @@ def check(settings: Mapping) -> None:
     InputErrors
         For values that the schema refuses, for unknown or unsuitable names, and for contradicting sections.
     """
-    _checked(settings)
+    lines, config = inspect_config(settings)
+    if lines:
+        raise InputErrors(lines)
+    return config
 
 
 def read_study(settings: Mapping) -> Study:
@@ -63,7 +66,7 @@ def complete(settings: Mapping) -> dict:
 
     `check` describes the settings, which are not changed, and the errors.
     """
-    config = _checked(settings)
+    config = check(settings)
     protocols = config["protocols"]
     for name, physics in _physics(config):
         if "from" in physics:
@@ -208,14 +211,6 @@ def _take_public_scans(config: dict) -> None:
         ct |= {"image": made(image), "labels": made("mean_regions")}
     numbers = {region: number for number, region in enumerate(scans["regions"], start=1)}
     ct["rois"] = [{**roi, "label": numbers.get(roi.get("label"), roi.get("label"))} for roi in ct["rois"]]
-
-
-def _checked(settings: Mapping) -> dict:
-    """Return a checked copy with the schema's defaults."""
-    lines, config = inspect_config(settings)
-    if lines:
-        raise InputErrors(lines)
-    return config
 
 
 def _physics(config: dict) -> Iterator[tuple[str, dict]]:

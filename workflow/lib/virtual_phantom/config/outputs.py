@@ -138,6 +138,6 @@ class Files:
             raise KeyError(f"{name}: '{suffix}' is none of {output.suffixes}")
         return f"{self.results}/{filled(output.pattern, **known)}{suffix}"
 
-    def benchmark(self, job: str, **known: str) -> str:
+    def benchmark(self, job: str) -> str:
         """Return the file with Snakemake's benchmark of a job."""
-        return f"{self.results}/logs/{filled(job, **known)}.benchmark.tsv"
+        return f"{self.results}/logs/{job}.benchmark.tsv"

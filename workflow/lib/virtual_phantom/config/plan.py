@@ -115,10 +115,6 @@ class Plan:
         own = (protocol.voxels.spacing_mm if protocol.voxels else None for protocol in self.study.protocols.values())
         return sorted({tuple(size or self.study.grid.spacing_mm) for size in own})
 
-    def geometries(self) -> list[str]:
-        """Return the labels of all geometries, sorted."""
-        return sorted({self.geometry_of(protocol) for protocol in self.study.protocols})
-
     def seeds(self, noise: str) -> list[str]:
         """Return the two-digit seed labels of a noise level."""
         return [f"{seed:02d}" for seed in range(self.study.noise.levels[noise].repeats)]
@@ -133,7 +129,7 @@ class Plan:
         return self.seeds(noise)[: len(self.seeds(noise)) - len(self.repositioned_seeds(noise))]
 
     def levels_of(self, protocol: str, levels: Iterable[str]) -> tuple[str, ...]:
-        """Return those of some noise levels at which a protocol is scanned."""
+        """Return the noise levels among `levels` at which a protocol is scanned."""
         own = self.study.protocols[protocol].noise
         return tuple(noise for noise in levels if own is None or noise in own)
 
@@ -322,7 +318,7 @@ class Plan:
 
     @cached_property
     def variations(self) -> dict[str, Variation]:
-        """Extraction settings that `analyses.extraction` compares with those of the study, by name."""
+        """Extraction settings that `analyses.extraction` compares with the study's, by name."""
         axis, features = self.study.analyses.extraction, self.study.features
         if axis is None:
             return {}

@@ -70,11 +70,6 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
     return lines, None if None in contents.values() else settings
 
 
-def note_idle_nulls(paths: Sequence[str | Path]) -> None:
-    """Print a note for each null that removes nothing, in configurations that Snakemake has read."""
-    read_configs(paths)
-
-
 def study_changed_by(settings: Mapping) -> str:
     """Return the file of the study that a configuration changes, the default study unless its key `base` names one."""
     base = settings.get("base")

@@ -101,12 +101,12 @@ def draw(
     return figure
 
 
-def _box_mm(aligned: np.ndarray, grid: Grid, margin: float = 0.06) -> tuple[float, ...]:
+def _box_mm(aligned: np.ndarray, grid: Grid) -> tuple[float, ...]:
     """Return the box with a margin around the body of a phantom: x low, x high, y low, ..., z high, world mm."""
     voxels = np.argwhere(np.nan_to_num(aligned, nan=-1000.0) > HU_BODY)[:, ::-1]
     low = voxels.min(axis=0) * grid.spacing[::-1] + grid.affine[:3, 3]
     high = voxels.max(axis=0) * grid.spacing[::-1] + grid.affine[:3, 3]
-    wider = margin * (high - low).max()
+    wider = 0.06 * (high - low).max()
     half = np.array(grid.extent_mm[::-1]) / 2
     low, high = np.maximum(low - wider, grid.centre_mm - half), np.minimum(high + wider, grid.centre_mm + half)
     return tuple(np.column_stack([low, high]).ravel())

@@ -73,15 +73,13 @@ def slice_z_mm(grid: Grid, z: int) -> float:
     return grid.centre_mm[2] + float(grid.axes_mm()[0][z])
 
 
-def body_box_mm(volume: Volume, slices: list[int], margin: float = 0.04) -> tuple[float, float, float, float]:
+def body_box_mm(volume: Volume, slices: list[int]) -> tuple[float, float, float, float]:
     """Return the box around the body in these slices, within the grid: x low, x high, y low, y high, world mm.
 
     Parameters
     ----------
     volume : Volume
         HU.
-    margin : float, optional
-        Margin on each side, relative to the larger side of the body.
     """
     body = np.any([body_mask(volume.array[z]) for z in slices], axis=0)
     rows, columns = (np.flatnonzero(body.any(axis=axis)) for axis in (1, 0))
@@ -89,7 +87,7 @@ def body_box_mm(volume: Volume, slices: list[int], margin: float = 0.04) -> tupl
     _, dy, dx = volume.grid.spacing
     left, right = x_low + columns[0] * dx, x_low + (columns[-1] + 1) * dx
     bottom, top = y_low + rows[0] * dy, y_low + (rows[-1] + 1) * dy
-    wider = margin * max(right - left, top - bottom)
+    wider = 0.04 * max(right - left, top - bottom)
     return max(left - wider, x_low), min(right + wider, x_high), max(bottom - wider, y_low), min(top + wider, y_high)
 
 

@@ -56,7 +56,7 @@ COEFFICIENT = 1.96 * np.sqrt(2)  # of repeatability, which is this number times 
 
 
 def cut_offs(trust: pd.DataFrame, ccc: float) -> dict[str, float]:
-    """Return the cut-off of each measure; that of W as a share."""
+    """Return the cut-off of each measure, for W as a share."""
     first = trust.iloc[0]
     return {
         "icc": float(first["icc_cut_off"]),

@@ -2,7 +2,7 @@
 
 A file is written under a temporary name and renamed, so that readers never see a part of it. Its SHA-256 is in a hidden
 file next to it (.table.csv.sha256 for table.csv, readable by `sha256sum --check`). Changed files are refused; files
-without a checksum, such as those of users, are accepted.
+without a checksum, such as users' files, are accepted.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Reader of YAML and JSON files of users, with one line and a line number per mistake."""
+"""Read YAML and JSON files of users, with one line and a line number per mistake; write values as YAML."""
 
 from __future__ import annotations
 
@@ -51,6 +51,12 @@ def read_yaml(path: str | Path, advice: str, *, restore: str = "make it again") 
     if lines:
         raise InputErrors(lines)
     return content
+
+
+def one_line(value: object) -> str:
+    """Return a value as YAML on one line."""
+    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
+    return text.removesuffix("\n...\n").strip()
 
 
 def parse_yaml(

@@ -24,8 +24,6 @@ from ..io.volumes import LARGEST_TILT, LPS_TO_RAS, ORTHOGONAL, Volume, check_fit
 from .dicom_files import NEEDED, Slice, UnusedFiles, files_in, not_dicom, slices_of, walk_folders
 from .dicom_pixels import check_pixels, read_into, same_pixels
 
-__all__ = ["Series", "find_series", "read_series", "read_slices", "series_among"]
-
 POSITION_TOLERANCE_MM = 0.01  # headers often round positions to this
 # Largest disagreement between slices, in voxels at the border of a slice or in slice spacings. A missing slice moves
 # its neighbors by at least a third of the spacing from the best fitting line (3 slices), by more with more slices.

@@ -23,10 +23,8 @@ from ..base.geometry import Grid
 from ..io.volumes import Volume, read_layers, suffix_of
 from .contours import StructRegions
 from .dicom_files import modality
-from .regions import GRID_TOLERANCE_MM, CroppedRegion, Regions, Remark, crop_to_box, voxel_offset
+from .regions import CroppedRegion, Regions, Remark, crop_to_box, voxel_offset
 from .segments import SegRegions
-
-__all__ = ["GRID_TOLERANCE_MM", "LabelRegions", "SegRegions", "StructRegions", "open_regions", "report_other_frame"]
 
 KINDS = {
     "1.2.840.10008.5.1.4.1.1.66.4": SegRegions,
@@ -200,9 +198,8 @@ class LabelRegions(Regions):
 
     def _draw(self, label: int | str | None) -> tuple[str, CroppedRegion | None, bool]:
         if label is None:
-            found = crop_to_box(
-                np.logical_or.reduce([layer > 0 for layer in self._layers]), self._offset, self._remarks
-            )
+            mask = np.logical_or.reduce([layer > 0 for layer in self._layers])
+            found = crop_to_box(mask, self._offset, self._remarks)
             return "the mask", self._inside(found, "the mask"), False
         layer, value, name = self._find(label)
         stored, box = self._values[layer].get(value, (None, None))

@@ -21,7 +21,8 @@ from ..io.volumes import Volume
 from .ct import read_hu
 from .deconvolution import PowerSpectra, measure_spectra
 from .displacement import displacement
-from .masks import GRID_TOLERANCE_MM, open_regions
+from .masks import open_regions
+from .regions import GRID_TOLERANCE_MM
 
 LARGEST_MM = 0.2  # largest displacement: a third of a voxel, which widens an edge of 1.2 mm by 2 %
 LEAST_OVERLAP = 0.8  # Dice coefficient with the majority of scans; regions on other slices or sides are far below

@@ -155,9 +155,7 @@ def _signed_distance(mask: np.ndarray, grid: Grid) -> np.ndarray:
     return (distance_transform_edt(padded, spacing) - distance_transform_edt(~padded, spacing))[1:-1, 1:-1]
 
 
-def crop_to_box(
-    mask: np.ndarray, offset: Sequence[int] = (0, 0, 0), remarks: Sequence[Remark] = ()
-) -> CroppedRegion | None:
+def crop_to_box(mask: np.ndarray, offset: Sequence[int], remarks: Sequence[Remark]) -> CroppedRegion | None:
     """Crop a mask, whose first voxel is at `offset` in the CT, to its bounding box; None if it is empty."""
     inner = []
     for axes in ((1, 2), (0, 2), (0, 1)):

@@ -79,7 +79,7 @@ def read_document(folder: str | Path) -> Document:
 
 
 def files_of_recording(path: str | Path) -> tuple[Path, ...]:
-    """Return the files of a recording in a folder, or those of a scan without recording.yaml (`files_of`)."""
+    """Return the files of a recording in a folder, or all files of a scan without recording.yaml (`files_of`)."""
     return read_document(path).files if (Path(path) / FILE_NAME).is_file() else tuple(files_of(path))
 
 

@@ -11,8 +11,8 @@ from ..base.geometry import Grid, OrbitGeometry
 from ..io.volumes import LARGEST_TILT, Volume
 from ..phantom import Roi
 from ..phantom.ct import draw_entry, read_hu
-from ..phantom.masks import GRID_TOLERANCE_MM
 from ..phantom.plausibility import BELOW_AIR_HU, has_air
+from ..phantom.regions import GRID_TOLERANCE_MM
 from ..phantom.rois import read_roi_entries
 from .document import Document
 from .provenance import check_nominal, check_shared, checksums, dicom_facts

@@ -1,7 +1,7 @@
 """Location of a known object in a plane of an image: center, and roll about z.
 
-Starts of the center are that of a circle fitted to the surface, the center of mass, and the center of the image. The
-roll is the angle at which the HU of the object correlate best with the image.
+The search for the center starts from the center of a circle fitted to the surface, from the center of mass, and from
+the center of the image. The roll is the angle at which the HU of the object correlate best with the image.
 """
 
 from __future__ import annotations

@@ -12,7 +12,6 @@ from ..features.names import features_of
 from ..statistics.repeats import score_draws
 from .features import FeaturesRecording
 
-PER = ("image", "condition")
 MINIMUM_GROUPS = 2  # a comparison needs two
 MINIMUM_IMAGES = 2  # per group: the rank-sum test needs a spread
 
@@ -32,17 +31,13 @@ def with_group(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
     return table.assign(group=table.groupby(list(conditions)).ngroup() + 1)
 
 
-def reference_features(
-    table: pd.DataFrame, conditions: Sequence[str], per: str = "image", named: bool = False
-) -> pd.DataFrame:
-    """Return measured features for `statistics.pca.project`.
+def reference_features(table: pd.DataFrame, conditions: Sequence[str], named: bool = False) -> pd.DataFrame:
+    """Return measured features for `statistics.pca.project`: means over the repeats of each condition and ROI.
 
     Parameters
     ----------
     table : DataFrame
         One row per image and ROI, in HU.
-    per : {"image", "condition"}, optional
-        "image": all repeats; "condition": the mean over the repeats of each condition and ROI.
     named : bool, optional
         Whether to add a column `condition` with the values of `conditions` as text.
 
@@ -54,10 +49,8 @@ def reference_features(
     Raises
     ------
     InputError
-        For another `per`, or conditions that are not columns.
+        For conditions that are not columns.
     """
-    if per not in PER:
-        raise InputError(f"reference: per is {per!r}; use one of {', '.join(PER)}")
     if missing := [name for name in conditions if name not in table]:
         raise InputError(
             f"reference: {missing[0]!r} is not a column of the features; choose from {', '.join(table)[:200]}"
@@ -68,7 +61,7 @@ def reference_features(
         text = table[list(conditions)].apply(lambda row: ", ".join(map(_shown, row)), axis=1)
         table = table.assign(condition=text)
     table = with_group(table, conditions)[[*columns, *features_of(table)]]
-    return table if per == "image" else table.groupby(columns, sort=False).mean().reset_index()
+    return table.groupby(columns, sort=False).mean().reset_index()
 
 
 def _shown(value: object) -> str:

@@ -322,7 +322,7 @@ class Search:
         spacing = np.array(level.recording.GetSpacing())
         # A grid with the recording's voxels around the phantom's center, wide enough for any rotation about z.
         size = np.array(level.phantom.GetSize()) * level.phantom.GetSpacing()
-        diagonal = 2 * (math.hypot(size[0], size[1]) / 2)
+        diagonal = math.hypot(size[0], size[1])
         shape = np.ceil(np.array([diagonal, diagonal, size[2]]) / spacing).astype(int)
         middle = np.array(
             level.phantom.TransformContinuousIndexToPhysicalPoint([(n - 1) / 2 for n in level.phantom.GetSize()])

@@ -84,7 +84,7 @@ def scan_geometry(scan: dict, source: str, not_checked: Collection[str] = ()) ->
 
 
 def _angles(scan: dict, turns: np.ndarray, source: str) -> np.ndarray:
-    """Return the angles from the first view, radians; those of even steps if they are unknown."""
+    """Return the angles from the first view, radians; in equal steps if they are unknown."""
     listed = scan.get("angles_deg", UNKNOWN)
     if listed == UNKNOWN:
         return 2 * np.pi * turns

@@ -120,10 +120,10 @@ def _protocol(protocol: Mapping, reconstruction: Mapping) -> list[str]:
 
 
 def _physics(config: Mapping) -> str:
-    """Name the effects of all protocols with their parameters, those of some protocols, and diagnoses they are from."""
+    """Name all effects with their parameters, effects of some protocols, and the diagnoses that effects come from."""
     protocols, effects = config["protocols"].values(), dict(config["physics"])
     recordings = [effects.pop("from", None), *(protocol.get("physics_from") for protocol in protocols)]
-    texts = [f"those of the diagnosis of {name}" for name in dict.fromkeys(filter(None, recordings))]
+    texts = [f"the effects of the diagnosis of {name}" for name in dict.fromkeys(filter(None, recordings))]
     texts += [
         f"{name} ({', '.join(f'{key} = {value}' for key, value in values.items())})" for name, values in effects.items()
     ]

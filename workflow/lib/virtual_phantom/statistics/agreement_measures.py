@@ -2,7 +2,7 @@
 
 Arrays have the shape (..., n subjects, k conditions, r repeats); leading axes (features) are kept. Subjects are ROIs,
 conditions are groups of protocols, and repeats are seeds. All measures describe single scans: repeats improve the
-estimates but are not averaged first. With one repeat, the ICCs are those of Shrout and Fleiss.
+estimates but are not averaged first. With one repeat, the ICCs equal the definitions of Shrout and Fleiss.
 
 References
 ----------
@@ -69,7 +69,7 @@ def icc_agreement_value(x: np.ndarray) -> np.ndarray:
 def icc_agreement(x: np.ndarray) -> Icc:
     """ICC(2,1) of Shrout and Fleiss, ICC(A,1) of McGraw and Wong: random subjects and conditions, absolute agreement.
 
-    (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n). The interval is that of McGraw and Wong, Table 7. It uses
+    (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n). The interval is from McGraw and Wong, Table 7. It uses
     the degrees of freedom of one table, because more repeats of the same subjects tell little about other subjects.
     """
     n, k = x.shape[-3:-1]

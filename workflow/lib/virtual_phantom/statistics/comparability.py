@@ -37,16 +37,9 @@ SIZED = (
 
 
 SHAPES = (OTHER_FAMILIES["shape"], OTHER_FAMILIES["shape2D"])
-
-
 SAME_VOXELS = 1e-3  # relative difference of voxel number or volume; features give both up to rounding
-
-
 # Columns with the number of voxels of an ROI: of this project, and of pyradiomics after and before resampling.
 COUNTS = ("n_voxels", "diagnostics_Mask-interpolated_VoxelNum", "diagnostics_Mask-original_VoxelNum")
-
-
-COMPARABLE = ("yes", "with care", "no")
 
 
 def comparable(

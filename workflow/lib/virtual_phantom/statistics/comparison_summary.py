@@ -13,12 +13,8 @@ from ..features.names import EVERY_FAMILY, family
 from .comparison import ALPHA, ROUNDING
 
 MINIMUM_ROIS = 3  # two ROIs are in the right order with probability one half
-
-
 # Kendall's tau of six ROIs with 2 of 15 pairs swapped is 0.73; random orders reach it in 2.8 % of cases.
 RANK_RIGHT = 0.7
-
-
 MOST = 0.8  # share of ROIs within the margin: one of six may be outside
 
 

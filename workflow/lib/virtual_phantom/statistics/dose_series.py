@@ -17,8 +17,8 @@ TABLE = RESOURCES / "edge_dose_series_summary.csv"
 MEASURED_ROI = "cyst_1"  # the large cyst, which is uniform in the drawn phantom
 
 
-def dose_variance(reconstruction: str, dose_mgy: float, roi: str = MEASURED_ROI) -> float:
-    """Variance (HU^2) among the voxels of an ROI of the measured dose series.
+def dose_variance(reconstruction: str, dose_mgy: float) -> float:
+    """Variance (HU^2) among the voxels of MEASURED_ROI in the measured dose series.
 
     The variance includes texture and shading of the ROI, so it is an upper bound of the noise variance.
 
@@ -26,8 +26,6 @@ def dose_variance(reconstruction: str, dose_mgy: float, roi: str = MEASURED_ROI)
     ----------
     reconstruction : {"fbp", "iterative"}
     dose_mgy : {1, 3, 10}
-    roi : str, optional
-        By default the large, uniform cyst.
 
     Raises
     ------
@@ -37,12 +35,12 @@ def dose_variance(reconstruction: str, dose_mgy: float, roi: str = MEASURED_ROI)
     found = [
         float(row["mean"])
         for row in csv.DictReader(read_text(TABLE, "restore it").splitlines())
-        if (row["reconstruction"], float(row["dose_mgy"]), row["roi"]) == (reconstruction, dose_mgy, roi)
+        if (row["reconstruction"], float(row["dose_mgy"]), row["roi"]) == (reconstruction, dose_mgy, MEASURED_ROI)
         and row["feature"] == VARIANCE
     ]
     if len(found) != 1:
         raise InputError(
-            f"measured dose series: no value for reconstruction {reconstruction}, {dose_mgy} mGy, ROI {roi}; use "
-            "fbp or iterative, 1, 3 or 10 mGy, and an ROI of the printed phantom"
+            f"measured dose series: no value for reconstruction {reconstruction}, {dose_mgy} mGy, ROI {MEASURED_ROI}; "
+            "use fbp or iterative, and 1, 3 or 10 mGy"
         )
     return found[0]

@@ -2,7 +2,7 @@
 
 Robustness is the ICC(2,1) of single scans between conditions (protocols and noise levels), with ROIs as subjects. A
 study of one condition has the ICC between repeats instead, and a study of one ROI the stability by W. Discriminative
-power is that of `wilcoxon.scores`. Changes of the ICC have an interval on the scale of Fisher's z, from the jackknife
+power is from `wilcoxon.scores`. Changes of the ICC have an interval on the scale of Fisher's z, from the jackknife
 over ROIs of `changes`. Differences of the ICC itself, whose error depends on its value, are detected less often.
 """
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 
@@ -12,12 +10,12 @@ from ..io.files import read_csv
 from .ranking import KINDS
 
 
-def read_seed_scores(path: str | Path = RESOURCES / "default_study_seeds.csv") -> pd.DataFrame:
+def read_seed_scores() -> pd.DataFrame:
     """Read one row per seed and feature.
 
     Columns: settings (`plan.Plan.scored_settings`), seed, feature, stability_percent, discrimination_percent.
     """
-    return read_csv(path)
+    return read_csv(RESOURCES / "default_study_seeds.csv")
 
 
 def match_settings(seeds: pd.DataFrame, settings: str) -> bool:

@@ -152,7 +152,7 @@ def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray]) -> Measure:
 def independent_values(images: np.ndarray, mask: np.ndarray) -> float:
     """Number of independent values of the noise inside a mask; NaN for fewer than three repeats.
 
-    The mean square of the noise of N voxels with the covariance C varies as that of tr(C)^2 / tr(C^2) independent
+    The mean square of the noise of N voxels with the covariance C varies as with tr(C)^2 / tr(C^2) independent
     values. The product of two independent realizations, summed over voxels, has the expected square tr(C^2).
     Correlation over any distance counts, as in streaks, and so does a variance that differs between voxels.
 

@@ -3,7 +3,7 @@
 Two public data sets of the anthropomorphic phantom that Flouris et al. simulate (see README.md of the resources):
 
 * CT-Phantom4Radiomics, TCIA, doi 10.7937/a1v1-rc66, CC BY 4.0: 8 parameter groups on one scanner. The features
-  (public repository Joingl/radiomic-features) are those of the largest 2D cross-section of each ROI, with pixel
+  (public repository Joingl/radiomic-features) are from the largest 2D cross-section of each ROI, with pixel
   spacing 1 and bin width 25, on stored values (HU + 1024).
 * CT4Harmonization-Multicentric, TCIA, CC BY 4.0: one Siemens SOMATOM Definition Edge, 1, 3 and 10 mGy, two
   reconstructions. The features (public repository mariamartinasiain/radiomics_phantom_dose_analysis, MIT) are 3D,

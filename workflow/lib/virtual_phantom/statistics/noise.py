@@ -73,8 +73,8 @@ def fixed_pattern(
     """Variance of each ROI, split into the pattern that all repeats share and the noise that changes between repeats.
 
     The pattern contains the object's texture, and errors of sampling and reconstruction, such as streaks from few
-    views. S is the variance among the voxels of one image (mean over n repeats), M that of the mean image. Their
-    expectations are S = pattern + noise and M = pattern + noise / n, for noise of any correlation.
+    views. S is the variance among the voxels of one image (mean over n repeats), M the variance in the mean image.
+    Their expectations are S = pattern + noise and M = pattern + noise / n, for noise of any correlation.
 
     Parameters
     ----------

@@ -21,9 +21,9 @@ NULL_SEED = 86  # seed of the random lists, the same in every study
 
 
 def top_features(
-    scores: pd.DataFrame, published: pd.DataFrame | None = None, measured: pd.DataFrame | None = None, n: int = 10
+    scores: pd.DataFrame, published: pd.DataFrame | None = None, measured: pd.DataFrame | None = None
 ) -> pd.DataFrame:
-    """The n most stable and most discriminative features, with the measured and published ones.
+    """The ten most stable and most discriminative features, with the measured and published ones.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def top_features(
     _check(scores, "simulated scores")
     if measured is not None:
         _check(measured, "measured scores")
-    n = min(n, len(scores))
+    n = min(10, len(scores))
     columns: dict[str, object] = {"rank": np.arange(1, n + 1)}
     for kind in KINDS:
         percent = scores[f"{kind}_percent"]

@@ -162,12 +162,12 @@ def with_extraction(
 
 
 def acquisition_changes(found: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a robustness table that enter `use`: all except those of extraction settings."""
+    """Return the rows of a robustness table that enter `use`: all except extraction settings."""
     return found[found["change"] != EXTRACTION].reset_index(drop=True)
 
 
 def with_protocols(found: pd.DataFrame, stability: pd.DataFrame) -> pd.DataFrame:
-    """Replace the columns of W in the rows of ANY_PROTOCOL by those of `trust.trust_table`, and add its others."""
+    """Replace the columns of W in the rows of ANY_PROTOCOL by `trust.trust_table`, and add its other columns."""
     between = found["change"] == ANY_PROTOCOL
     own = stability.set_index("feature").loc[found.loc[between, "feature"]]
     result = found.copy()

@@ -1,7 +1,7 @@
 """Confidence interval of the stability, by inverting a parametric bootstrap test.
 
 Stability is the share of pairs of groups with |W| below the threshold. The pairs are few and have groups in common, so
-normal theory does not apply. The interval is that of the expected stability: the mean over new noise, for the same
+normal theory does not apply. The interval is for the expected stability: the mean over new noise, for the same
 protocols, ROIs and number of repeats. The observed share is an unbiased estimate of it.
 
 For each feature, studies are simulated that differ in one parameter: the scale of the differences between protocols.

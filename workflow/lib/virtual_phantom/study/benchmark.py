@@ -36,13 +36,14 @@ class Benchmark:
 
     @property
     def program(self) -> str:
-        """Name of the program: that of the folder."""
+        """Name of the program: the name of the folder with its verdicts."""
         return Path(self.verdicts).name if self.verdicts else "diagnosis"
 
     def verdict_files(self) -> list[str]:
         """Return the verdict files of the program."""
-        found = sorted(map(str, Path(self.verdicts).glob("[!.]*.json"))) if self.verdicts else []
-        return found if self.verdicts else self.proof.all("verdict")
+        if not self.verdicts:
+            return self.proof.all("verdict")
+        return sorted(map(str, Path(self.verdicts).glob("[!.]*.json")))
 
     def given(self) -> dict:
         """Return what the diagnosis of each case is given, {case: {recording, object, model, effects}}."""

@@ -16,7 +16,7 @@ from ..config.dependencies import shipped
 from ..config.outputs import BY_NAME, Files, by_path
 from ..config.plan import Plan
 from ..config.public_scans import PublicScans
-from ..config.read_config import doubtful_entries, note_idle_nulls
+from ..config.read_config import doubtful_entries, read_configs
 from ..config.settings import Study
 from ..io.files import check_unchanged
 from ..projectors import choose_engine
@@ -244,7 +244,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
         doubtful = [line for path in files for line in doubtful_entries(path)]
         if lines := doubtful + problems(config, keep=True):
             raise InputErrors(lines)
-        note_idle_nulls(files)
+        read_configs(files)  # notes each null that removes nothing
     study = read_study(config)
     plan = Plan(study)
     # Without `here`, do not look for devices: a cluster node of a job may have none.

@@ -73,8 +73,8 @@ class PhantomSources:
         """
         folder, here = self.plan.study.downloads.abdomen_ct, f"{resources_folder()}/abdomen_ct"
         advice = (
-            f"on a computer with a network, download the files listed in {self.table}: put those of "
-            f"{folder}/example_ct_dicom into {here}/dicom, and save example_seg_dicom.nii.gz from there as "
+            f"on a computer with a network, download the files listed in {self.table}: put the files "
+            f"of {folder}/example_ct_dicom into {here}/dicom, and save example_seg_dicom.nii.gz from there as "
             f"{here}/labels.nii.gz"
         )
         return [require_reachable(f"{folder}/{file.source}", advice) for file in self.absent]

@@ -174,7 +174,7 @@ class Comparisons:
         return self._recorded(name).get("dimensions", 3)
 
     def table_dimensions(self, name: str) -> int | None:
-        """Return `dimensions` of a table; None for images, whose features are extracted as those of the study."""
+        """Return `dimensions` of a table; None for images, whose features are extracted as in the study."""
         is_table = self.recordings.kind(self.settings[name].recording) == "features"
         return self.dimensions(name) if is_table else None
 

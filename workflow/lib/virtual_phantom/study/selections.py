@@ -96,7 +96,7 @@ class Selections:
         Parameters
         ----------
         groups : mapping of str to int, optional
-            {protocol: group}; by default those of the stability analysis.
+            {protocol: group}; by default the groups of the stability analysis.
         """
         draws, levels = self.acquisitions.noise["draws"], self.plan.compared_levels(groups)
         return {

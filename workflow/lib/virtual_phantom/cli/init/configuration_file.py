@@ -5,9 +5,8 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable
 
-import yaml
-
 from ...base.commands import command_line, snakemake
+from ...io.yaml_files import one_line
 from ...study.progress.status import duration_range
 from ...study.progress.time_left import SLOWER
 from .propose import Proposal
@@ -23,7 +22,7 @@ def configuration_text(proposal: Proposal, picture: str, name: str) -> str:
     parts = [_head(proposal, picture, name)]
     if "trial" in proposal.config:
         parts.append(_trial(proposal.config["trial"]))
-    parts.append(f"base: {_scalar(proposal.config['base'])} # the study whose keys this file changes\n")
+    parts.append(f"base: {one_line(proposal.config['base'])} # the study whose keys this file changes\n")
     parts += [_phantom(proposal), _grid(proposal), _scan(proposal), _rest(proposal)]
     return "\n".join(parts)
 
@@ -31,15 +30,6 @@ def configuration_text(proposal: Proposal, picture: str, name: str) -> str:
 def _comment(words: str, indent: int = 0) -> str:
     lines = textwrap.wrap(words, WIDTH - indent, break_long_words=False, break_on_hyphens=False)
     return "".join(f"{' ' * indent}# {line}\n" for line in lines)
-
-
-def _flow(value) -> str:
-    """Return a value as YAML on one line."""
-    return yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True).strip()
-
-
-def _scalar(value) -> str:
-    return yaml.safe_dump(value, width=10_000, allow_unicode=True).removesuffix("\n...\n").strip()
 
 
 def _numbers(values: Iterable[float]) -> str:
@@ -71,7 +61,7 @@ def _trial(trial: str | bool) -> str:
     words = "A quick study checks your setup. Its pages are marked as a trial."
     if isinstance(trial, str):
         words += " For real results, run this command:"
-    return _comment(words) + f"trial: {_scalar(trial)}\n"
+    return _comment(words) + f"trial: {one_line(trial)}\n"
 
 
 def duration_text(hours: float) -> str:
@@ -83,14 +73,14 @@ def duration_text(hours: float) -> str:
 def _phantom(proposal: Proposal) -> str:
     ct = proposal.config["phantom"]["ct"]
     lines = ["phantom:\n", "  source: ct # scan your CT instead of the synthetic phantom\n", "  ct:\n"]
-    lines += [f"    image: {_scalar(ct['image'])} # HU; paths are relative to the working folder\n"]
+    lines += [f"    image: {one_line(ct['image'])} # HU; paths are relative to the working folder\n"]
     if "labels" in ct:
-        lines += [f"    labels: {_scalar(ct['labels'])} # regions on the voxels of the CT\n"]
+        lines += [f"    labels: {one_line(ct['labels'])} # regions on the voxels of the CT\n"]
     if "not_checked" in ct:
-        lines += [f"    not_checked: {_flow(ct['not_checked'])} # skipped checks of the CT\n"]
+        lines += [f"    not_checked: {one_line(ct['not_checked'])} # skipped checks of the CT\n"]
     lines += [
         f"    centre_mm: {_numbers(ct['centre_mm'])} # world point (x, y, z) at the isocenter: the center of the box\n",
-        f"    keep_mm: {_flow(ct['keep_mm'])} # [x min, max], [y min, max]; arms and table outside become air\n"
+        f"    keep_mm: {one_line(ct['keep_mm'])} # [x min, max], [y min, max]; arms and table outside become air\n"
         if "keep_mm" in ct
         else "    # keep_mm is not needed: nothing lies next to the body.\n",
         _comment("name: name in files and tables. tissue_class: ROIs of one class count as the same tissue.", 4),
@@ -102,7 +92,7 @@ def _phantom(proposal: Proposal) -> str:
         region = chosen.region
         voxels = ", ".join(str(proposal.voxels[name]) for name in chosen.names)
         lines.append(
-            f"      - {_flow(entry)} # {region.volume_ml:.3g} ml, {region.mean_hu:.0f} HU "
+            f"      - {one_line(entry)} # {region.volume_ml:.3g} ml, {region.mean_hu:.0f} HU "
             f"({outline_warning(region) or f'SD {region.sd_hu:.0f}'}); "
             f"{voxels} voxels\n"
         )
@@ -117,7 +107,7 @@ def _grid(proposal: Proposal) -> str:
     nz, ny, nx = (n * wide for n, wide in zip(grid["shape"], grid["spacing_mm"], strict=True))
     lines = [
         "grid: # voxels of the reconstructed images",
-        f"  shape: {_flow(grid['shape'])} # z, y, x: {nz:.0f}, {ny:.0f} and {nx:.0f} mm",
+        f"  shape: {one_line(grid['shape'])} # z, y, x: {nz:.0f}, {ny:.0f} and {nx:.0f} mm",
         f"  spacing_mm: {_numbers(grid['spacing_mm'])} # z, y, x",
         f"  oversampling: {grid['oversampling']} # the scanned phantom is finer by this factor, near the CT's pixels",
     ]
@@ -160,7 +150,7 @@ def _rest(proposal: Proposal) -> str:
     for section, note in NOTES.items():
         parts.append(_comment(note.format(study=study, base=base)) + f"{section}:\n{_nested(config[section], 1)}")
     parts.append("measured: {overlay: false} # measurements of the printed phantom do not apply to this body\n")
-    parts.append(f"results_dir: {_scalar(config['results_dir'])}\n")
+    parts.append(f"results_dir: {one_line(config['results_dir'])}\n")
     return "\n".join(parts)
 
 
@@ -168,11 +158,7 @@ def _nested(section: dict, depth: int) -> str:
     """Return a nested section as YAML, with one line for each value or innermost section."""
     lines = []
     for key, value in section.items():
-        lead = "  " * depth + f"{_scalar(key)}:"
+        lead = "  " * depth + f"{one_line(key)}:"
         deeper = isinstance(value, dict) and any(isinstance(entry, dict | None.__class__) for entry in value.values())
-        lines.append(f"{lead}\n{_nested(value, depth + 1)}" if deeper else f"{lead} {_flow_of(value)}\n")
+        lines.append(f"{lead}\n{_nested(value, depth + 1)}" if deeper else f"{lead} {one_line(value)}\n")
     return "".join(lines)
-
-
-def _flow_of(value) -> str:
-    return _scalar(value) if not isinstance(value, dict | list) else _flow(value)

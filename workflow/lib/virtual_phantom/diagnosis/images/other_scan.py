@@ -19,7 +19,7 @@ from ...base.pose import Pose
 from ...base.units import HU_AIR
 from ...io.volumes import Volume
 from ...phantom.ct import read_hu
-from ...phantom.masks import GRID_TOLERANCE_MM
+from ...phantom.regions import GRID_TOLERANCE_MM
 from ...recordings.document import FILE_NAME
 from ...recordings.images import ImagesRecording
 from ...recordings.reading import load_recording

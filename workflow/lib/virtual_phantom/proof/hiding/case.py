@@ -83,7 +83,7 @@ class Case:
 
     @property
     def undeclared(self) -> bool:
-        """Whether the scan has small deviations that the diagnosis was not told."""
+        """Whether the scan has small deviations that the diagnosis does not know."""
         return bool(self.truth["imperfections"]["undeclared"])
 
     @property

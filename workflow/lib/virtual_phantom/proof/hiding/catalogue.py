@@ -11,6 +11,7 @@ import numpy as np
 from ...physics.effect import names
 from .hidden_effect import IMAGE, MEAN, NOISE, READOUT_KEV, HiddenEffect, sign
 from .missing_effects import MISSING_EFFECTS
+from .truth import EQUATIONS
 
 XCIST, GVXR = SIMULATORS = ("xcist", "gvirtualxray")
 COLLIMATOR_MM = 200.0  # distance from the focal spot, as the diagnosis assumes
@@ -191,9 +192,7 @@ CATALOGUE: dict[str, HiddenEffect] = {
     "view_angle_error": HiddenEffect(((0.02, 0.04), (0.1, 0.2), (0.4, 0.8)), _wave("angle_wave_deg"), MEAN),
 } | MISSING_EFFECTS
 
-# Origin of the equation that makes the recordings: the simulator itself, this package with another equation than the
-# library's, or this package with the library's equation.
-SIMULATED, OTHER, OWN = EQUATIONS = ("simulator", "other", "own")
+SIMULATED, OTHER, OWN = EQUATIONS
 OF_GEOMETRY = (
     "focal_spot",
     "source_distance",

@@ -78,7 +78,7 @@ def acquire(
 
 
 def nominal(mu_water_per_mm: float) -> dict:
-    """Return the stated settings of the scanner. The energy of the beam is that of water in published tables."""
+    """Return the stated settings of the scanner. At the beam energy, published tables give water this attenuation."""
     return NOMINAL | {"energy_kev": round(gvirtualxray.energy_of_water(mu_water_per_mm), 3)}
 
 

@@ -1,7 +1,7 @@
 """Scans by gVirtualXray [1]_, the second simulator of the blind validation.
 
 gVirtualXray computes the primary transmission of surface meshes. This module adds source, scatter, detector and noise,
-by equations that are not those of the library.
+by other equations than the library's.
 
 References
 ----------

@@ -70,7 +70,7 @@ def mixture(mu, start: float, soft: float, dense: float):
 
 
 def tissue(hu: float, attenuation: Attenuation, mu_water_per_mm: float) -> dict[str, float]:
-    """Return the volume fractions of SOFT and DENSE whose attenuation is that of a number of HU."""
+    """Return the volume fractions of SOFT and DENSE that attenuate as a CT number in HU says."""
     mu, start = (mu_water_per_mm * (1 + value / 1000) for value in (hu, DENSE_FROM_HU))
     amounts = mixture(mu, start, attenuation(SOFT), attenuation(DENSE))
     return {name: float(amount) for name, amount in zip((SOFT, DENSE), amounts, strict=True) if amount > 0}

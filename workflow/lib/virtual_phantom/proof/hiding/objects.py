@@ -87,7 +87,7 @@ class ScannedObject:
 
     @property
     def label_materials(self) -> dict[str, str | dict]:
-        """Material of every label of a label map, as the diagnosis is told it."""
+        """Material of every label of a label map, as given to the diagnosis."""
         return {str(number): _stated(part.material) for number, part in enumerate(self.parts, start=1)}
 
     @property

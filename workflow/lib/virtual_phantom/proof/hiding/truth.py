@@ -1,6 +1,6 @@
 """Fields of a truth that say how a case was made."""
 
-# Sources of the equation that makes a hidden effect, {name: description}
+# Origins of the equation that makes a hidden effect, {name: description}
 EQUATIONS = {
     "simulator": "the simulator's own",
     "other": "another equation than the library's",

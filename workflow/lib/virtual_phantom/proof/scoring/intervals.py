@@ -10,7 +10,7 @@ import numpy as np
 
 Z = NormalDist().inv_cdf(0.975)  # of a two-sided interval of 95 %
 ROUNDED = 1e-9  # sums of 1/k that differ less from a whole number are whole
-DIGITS = 12  # decimals of bounds, so that those of 0 and 100 % are exact
+DIGITS = 12  # decimals of bounds, so that 0 and 100 % are exact
 
 
 def share(scores: Iterable[float]) -> dict:

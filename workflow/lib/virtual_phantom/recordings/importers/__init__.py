@@ -77,11 +77,6 @@ def one_checksum(paths: Collection[Path]) -> dict:
     return {"files": len(paths), "sha256": [hashlib.sha256(lines.encode()).hexdigest()]}
 
 
-def write_line_integrals(path: Path, line_integrals: np.ndarray, angles_deg: np.ndarray, **options) -> None:
-    """Write line integrals [view, row, column] and angles in the Data Exchange layout. Options are of h5py."""
-    write_projections(path, line_integrals, angles_deg, **options)
-
-
 def write_projections(
     path: Path,
     data: np.ndarray,
@@ -90,7 +85,10 @@ def write_projections(
     dark: np.ndarray | None = None,
     **options,
 ) -> None:
-    """Write projections [view, row, column] in the Data Exchange layout: line integrals without a white field."""
+    """Write projections [view, row, column] in the Data Exchange layout: line integrals without a white field.
+
+    Options are of h5py.
+    """
     with new_file(path) as file:
         stored = file.create_dataset("exchange/data", data=data, compression="gzip", **options)
         stored.attrs["log"] = white is None

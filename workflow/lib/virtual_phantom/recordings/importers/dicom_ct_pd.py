@@ -26,7 +26,7 @@ from ...io import dicom_ct_pd as pd
 from ...io.volumes import check_fits
 from ...phantom.dicom_files import UnusedFiles, add_not_dicom, files_in, split_dicom
 from ..recording import Recording
-from . import one_checksum, write_folder, write_line_integrals
+from . import one_checksum, write_folder, write_projections
 
 FRAMES, SHARED_FRAMES = (0x5200, 0x9230), (0x5200, 0x9229)  # elements of single frames, and of all frames
 # Elements that are constant in one scan, in words.
@@ -114,9 +114,7 @@ def import_dicom_ct_pd(
 
     def write(target: Path) -> None:
         steps = scan["direction"] * 360 / scan["views_per_rotation"] * np.arange(len(views))
-        write_line_integrals(
-            target / "projections.h5", lines, scan["start_angle_deg"] + steps, chunks=(1, rows, columns)
-        )
+        write_projections(target / "projections.h5", lines, scan["start_angle_deg"] + steps, chunks=(1, rows, columns))
 
     content = {
         "scan": scan,
@@ -390,7 +388,7 @@ def _check_field(source: Path, lines: np.ndarray) -> None:
 
 
 def _check_shape(path: Path, scan: dict, diameter_mm: float) -> None:
-    """Compare the field of view stated in the header, mm, with those of a flat and of a cylindrical detector.
+    """Compare the field of view stated in the header, mm, with the fields of a flat and of a cylindrical detector.
 
     Raises
     ------

@@ -16,9 +16,8 @@ from ...base.errors import InputError
 from ...features.hu_offset import STORED_OFFSET_HU
 from ...features.names import FEATURES
 from ...features.table_files import read_table
-from ...io.files import write_csv
+from ...io.files import sha256, write_csv
 from ...statistics import measured
-from ..provenance import sha256
 from ..recording import Recording
 from . import write_folder
 

@@ -28,7 +28,7 @@ from ...base.geometry import Grid
 from ...io.files import sha256
 from ...io.volumes import Volume, write_nifti
 from ..recording import Recording
-from . import write_folder, write_line_integrals
+from . import write_folder, write_projections
 
 VARIABLES = ("CtDataFull", "CtDataLimited")
 CITATION = "Helsinki Tomography Challenge 2022 (HTC2022) open tomographic dataset, Zenodo, 10.5281/zenodo.6984868"
@@ -68,7 +68,7 @@ def import_htc2022(
 
     def write(target: Path) -> None:
         line_integrals = sinogram[:, None, ::-1]
-        write_line_integrals(target / "projections.h5", line_integrals, angles + FIRST_DEG, shuffle=True)
+        write_projections(target / "projections.h5", line_integrals, angles + FIRST_DEG, shuffle=True)
         if scanned is not None:
             write_nifti(scanned, target / OBJECT)
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import yaml
-
 from ...base import commands
 from ...base.errors import InputError
+from ...io.yaml_files import one_line
 from ..features import FeaturesRecording
 from ..projections import ProjectionsRecording
 from ..recording import Recording
@@ -36,7 +35,7 @@ def next_steps(recording: Recording) -> str:
     importer = recording.provenance.origin.get("importer")
     if importer is None:
         raise InputError(f"{recording.document.path}: has no origin.importer; only imported recordings have next steps")
-    name, folder = recording.name, _scalar(str(recording.document.folder))
+    name, folder = recording.name, one_line(str(recording.document.folder))
     lines, blanks, target, condition = ["recordings:", f"  {name}: {folder}"], "", (), ""
     file = f"{name}.yaml"
     if isinstance(recording, FeaturesRecording):
@@ -66,7 +65,7 @@ def next_steps(recording: Recording) -> str:
 
 def _comparison(recording: FeaturesRecording) -> str:
     (where,) = recording.repeats[list(recording.conditions)].head(1).to_dict("records")
-    chosen = f"where: {_flow(where)}, " if where else ""
+    chosen = f"where: {one_line(where)}, " if where else ""
     return f"{{recording: {recording.name}, {chosen}protocol: {PROTOCOL}, noise: {NOISE}}}"
 
 
@@ -79,7 +78,7 @@ def _diagnosed(recording: ProjectionsRecording, importer: str) -> list[str]:
     if importer in ARRAYS:
         return [*lines, UNKNOWN]
     if mask.is_file():
-        lines += [f"      object: {{mask: {_scalar(str(mask))}, material: MATERIAL}} # water, acrylic, aluminium, ..."]
+        lines += [f"      object: {{mask: {one_line(str(mask))}, material: MATERIAL}} # water, acrylic, aluminium, ..."]
     else:
         lines += [
             "      disc: {diameter_mm: DIAMETER, material: MATERIAL} # water, acrylic; others: docs/how-to/diagnosis.md"
@@ -90,11 +89,3 @@ def _diagnosed(recording: ProjectionsRecording, importer: str) -> list[str]:
     if recording.geometry.rows == 1:
         lines += [f"      effects: {ONE_ROW_EFFECTS}"]
     return lines
-
-
-def _scalar(value: str) -> str:
-    return yaml.safe_dump(value, width=10_000, allow_unicode=True).removesuffix("\n...\n").strip()
-
-
-def _flow(value: dict) -> str:
-    return yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True).strip()

@@ -126,7 +126,7 @@ def write_recording(
 ) -> Recording:
     """Write data, white and dark field (None for line integrals) as a recording with one repeat, and load it.
 
-    `remarks` are those of `quantized` on values that were averaged later.
+    `remarks` come from `quantized`, applied before values were averaged.
     """
     data, white, dark = arrays
     if remarks:

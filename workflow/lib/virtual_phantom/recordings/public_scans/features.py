@@ -72,7 +72,7 @@ def scan_features(
     Returns
     -------
     dict of str to DataFrame
-        Columns image, roi, tissue_class, CONDITIONS, collection, acquisition, and those of features.extraction.
+        Columns image, roi, tissue_class, CONDITIONS, collection, acquisition, and the columns of features.extraction.
 
     Raises
     ------

@@ -10,7 +10,6 @@ import csv
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
 from ...base.data import RESOURCES
 from ...base.errors import InputError
@@ -114,9 +113,9 @@ class PublicScan:
 
 
 @cache
-def public_scans(table: str | Path = TABLE) -> tuple[PublicScan, ...]:
+def public_scans() -> tuple[PublicScan, ...]:
     """Return all scans of the list, by collection and name."""
-    return tuple(_scan(row) for row in csv.DictReader(read_text(table).splitlines()))
+    return tuple(_scan(row) for row in csv.DictReader(read_text(TABLE).splitlines()))
 
 
 def _scan(row: Mapping[str, str]) -> PublicScan:
@@ -137,7 +136,7 @@ def _scan(row: Mapping[str, str]) -> PublicScan:
     )
 
 
-def select_scans(selection: Mapping, where: str, table: str | Path = TABLE) -> tuple[PublicScan, ...]:
+def select_scans(selection: Mapping, where: str) -> tuple[PublicScan, ...]:
     """Return the scans that a selection of the configuration names, in the order of the list.
 
     Groups 1 and 2 of the tandem study have no acquisition 1.
@@ -156,7 +155,7 @@ def select_scans(selection: Mapping, where: str, table: str | Path = TABLE) -> t
         For a value that no scan of the collection has, or if no scan meets all conditions.
     """
     collection = selection["collection"]
-    scans = found = [scan for scan in public_scans(table) if scan.collection == collection]
+    scans = found = [scan for scan in public_scans() if scan.collection == collection]
     for key in ("groups", "acquisitions", "dose_mgy", "reconstruction"):
         if (wanted := selection.get(key)) is None:
             continue

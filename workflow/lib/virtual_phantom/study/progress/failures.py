@@ -46,7 +46,7 @@ def from_logs(jobs: Sequence[dict], since: float) -> dict[int, str]:
 def without_reason(jobs: Sequence[dict], more_logs: Sequence[str] = (), message: str = "") -> dict[int, str]:
     """Return {number of the first job: line} for jobs that ended together without a reason in their logs.
 
-    The line names further logs, such as those of a cluster, and how the script ended, from Snakemake's message.
+    The line names further logs, such as a cluster's, and how the script ended, from Snakemake's message.
     """
     names = ", ".join(map(described, jobs))
     logs = ", ".join([*more_logs, *(log for job in jobs for log in job["log"])])
