@@ -319,7 +319,7 @@ def spectrum(kvp=60.0, sensor_mm=0.6):
         (
             {"scatter": {"amount": 0.1, "width_mm": 200.0}},
             {},
-            ["width of scatter is at its upper bound, 200 mm (not stated)"],
+            ["kernel width of scatter is at its upper bound, 200 mm (not stated)"],
         ),
     ],
 )

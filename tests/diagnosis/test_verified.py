@@ -41,7 +41,12 @@ from virtual_phantom.recordings.projections import Projections
 
 PHOTONS, DENSITY = 1e5, 1.03
 # A fitter; the selection reads its declared physics and number of data.
-BARE = SimpleNamespace(model=SimpleNamespace(with_declared_effects=tuple), weights=(), with_errors=lambda fit: fit)
+BARE = SimpleNamespace(
+    model=SimpleNamespace(with_declared_effects=tuple),
+    weights=(),
+    with_errors=lambda fit: fit,
+    comparable=lambda fit, without: fit,
+)
 GEOMETRY = circular(
     views=60,
     source_to_isocentre_mm=410.0,

@@ -51,7 +51,10 @@ def model_assumptions(
     wide = recording.kind == "projections" and request.alignment(recording.nominal) != settings.alignment
     assumed = "; not stated, so the scale of line integrals is fitted" if wide else ""
     stated_priors = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
-    photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
+    stated = settings.nominal_photons
+    if stated is None and recording.kind == "projections":
+        stated = recording.nominal.get("photons")
+    photons = "from the noise" if stated is None else f"{stated:g} stated"
     simulation = {}
     if settings.of_scan:
         simulation["limits of the other scan"] = OF_SCAN

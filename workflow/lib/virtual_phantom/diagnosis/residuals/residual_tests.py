@@ -313,7 +313,7 @@ def blocks(
     worst = int(np.argmax(np.abs(z)))
     position = np.unravel_index(worst, shape)
     ranges = [
-        f"{name} {every * (n * i // parts)} to {every * (n * (i + 1) // parts - 1)}"
+        f"{name} {every * -(-n * i // parts)} to {every * (-(-n * (i + 1) // parts) - 1)}"
         for name, n, i, parts, every in zip(axes, data.mean.shape, position, shape, (step, 1, 1), strict=True)
     ]
     p = _p_value(normal_scores(z, weighed))

@@ -8,7 +8,7 @@ from math import sqrt
 import numpy as np
 from scipy import stats
 
-from ...base.names import enumerated, label
+from ...base.names import enumerated
 from ...physics.effect import Parameter, load
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit
@@ -136,9 +136,10 @@ def _at_bounds(fit: Fit, model: Model) -> list[tuple[str, Parameter, str]]:
         for end, bound in ends.items():
             if abs(value - bound) <= AT_BOUND * (high - low):
                 parameter = plausible[unknown.effect, unknown.name]
-                name, amount = _quantity(parameter, value)
+                name, unit = parameter.display_name, "" if parameter.unit == "1" else f" {parameter.unit}"
                 known = _stated(unknown, model) or "not stated"
-                phrase = f"{name} of {label(unknown.effect)} is at its {end} bound, {amount} ({known})"
+                what = f"{name} of {load(unknown.effect).display_name}"
+                phrase = f"{what} is at its {end} bound, {value:.3g}{unit} ({known})"
                 found.append((unknown.effect, parameter, phrase))
     return found
 
@@ -168,14 +169,6 @@ def _pulled(fit: Fit, model: Model) -> list[Nuisance]:
     """Return the nuisance parameters at their bounds."""
     most = SURE * (1 - AT_BOUND)
     return [number for number in model.nuisances_for(fit.effects) if abs(fit.pulled.get(number.name, 0.0)) > most]
-
-
-def _quantity(parameter: Parameter, value: float) -> tuple[str, str]:
-    """Return a parameter's name without its unit, and its value with it."""
-    begin, _, end = parameter.name.rpartition("_")
-    name = begin if begin and parameter.unit.startswith(end) else parameter.name
-    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-    return parameter.title or label(name), f"{value:.3g}{unit}"
 
 
 def _stated(unknown: Unknown, model: Model) -> str:
