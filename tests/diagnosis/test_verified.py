@@ -44,7 +44,7 @@ PHOTONS, DENSITY = 1e5, 1.03
 BARE = SimpleNamespace(
     model=SimpleNamespace(with_declared_effects=tuple),
     weights=(),
-    with_errors=lambda fit: fit,
+    finished=lambda fit: fit,
     comparable=lambda fit, without: fit,
 )
 GEOMETRY = circular(

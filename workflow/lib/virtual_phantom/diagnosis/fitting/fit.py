@@ -15,12 +15,15 @@ from ..noise.gain_pattern import Pattern
 from .linearization import BASE, Linearization
 from .model import Model
 from .problem import Problem, chi_square
-from .solver import JointProblem, solve
+from .solver import CONVERGED_SHARE, JointProblem, solve
 from .steps import standard_errors
 
 # A fit has stalled if its derivatives predict a decrease of chi-square larger than this, but no step achieves it. It is
 # then repeated from starts farther away (problem.FARTHER).
 STALLED = 8.0
+# The same as a share of the excess over noise. The excess shows that the model is inexact, and its derivatives, too.
+STALLED_SHARE = 1e-3
+COMPARED_SHARE = 1e-4  # as solver.CONVERGED_SHARE, for fits that are compared with each other
 KEPT = 4  # Jacobians at the ends of fits, for rankings, tests and intervals: of two fits, on both halves of the data
 
 
@@ -33,7 +36,7 @@ class Fit:
     effects : tuple of str
         In the order given, without declared effects.
     physics, errors : dict of str to dict of str to float
-        {effect: {parameter: value or standard error}}, with declared effects. Without `with_errors`, there is only the
+        {effect: {parameter: value or standard error}}, with declared effects. Before `finished`, there is only the
         error of a gain pattern.
     chi_square : float
         Chi-square of the fitted data and the priors.
@@ -140,7 +143,7 @@ class Fitter:
         effects: tuple[str, ...],
         given: Fit | None = None,
         from_farther: bool = True,
-        with_errors: bool = True,
+        final: bool = True,
     ) -> Fit:
         """Fit all parameters of these effects and the nuisance parameters.
 
@@ -148,26 +151,31 @@ class Fitter:
         ----------
         from_farther : bool, optional
             Whether a fit that has stalled is repeated from starts farther away.
-        with_errors : bool, optional
-            Whether standard errors are estimated, which takes up to half of the time.
+        final : bool, optional
+            False: the fit only serves for a comparison with others. It ends earlier and has no standard errors.
         """
         problem = Problem(self, effects, given)
-        found, predicted_decrease = self._solve(problem)
-        if predicted_decrease > STALLED and from_farther:
-            others = [self._solve(Problem(self, effects, start))[0] for start in problem.farther(found)]
+        found, predicted_decrease = self._solve(problem, final)
+        excess = found.chi_square - problem.count
+        if predicted_decrease > max(STALLED, STALLED_SHARE * excess) and from_farther:
+            others = [self._solve(Problem(self, effects, start), final)[0] for start in problem.farther(found)]
             found = min([found, *others], key=lambda fit: fit.chi_square)
-        return self.with_errors(found) if with_errors else found
+        return self._with_errors(found) if final else found
 
-    def _solve(self, problem: Problem) -> tuple[Fit, float]:
+    def _solve(self, problem: Problem, final: bool) -> tuple[Fit, float]:
         """Return a fit, and the decrease of chi-square that its derivatives still predict; 0 if it converged."""
         point = problem.best_start()
         problem.follow(point)
         alone = JointProblem({"": problem}, {"": ""})
-        found = solve(alone, alone.recompute(point))
-        return Fit.at(problem, found.point, None, found.residuals[""]), found.predicted_decrease
+        found = solve(alone, alone.recompute(point), CONVERGED_SHARE if final else COMPARED_SHARE)
+        errors = standard_errors(found.information) if final and found.information is not None else None
+        return Fit.at(problem, found.point, errors, found.residuals[""]), found.predicted_decrease
 
-    def with_errors(self, fit: Fit) -> Fit:
-        """Return a fit with standard errors."""
+    def finished(self, fit: Fit) -> Fit:
+        """Return a fit that was made for a comparison as a final one."""
+        return fit if fit.nuisance_errors else self.fit(fit.effects, fit)
+
+    def _with_errors(self, fit: Fit) -> Fit:
         if fit.nuisance_errors:
             return fit
         problem = Problem.at(self, fit)

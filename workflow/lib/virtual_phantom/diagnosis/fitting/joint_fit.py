@@ -100,7 +100,7 @@ class JointFitter:
             alone: dict[str, Fit] = {}
             for name, fit in starts.items():
                 if (protocol := self._protocol(name, effects)) not in alone:
-                    alone[protocol] = self.fitters[name].fit(effects, fit, with_errors=False)
+                    alone[protocol] = self.fitters[name].fit(effects, fit, final=False)
                 starts[name] = replace(fit, effects=effects, physics=alone[protocol].physics)
         problems = {name: Problem(self.fitters[name], effects, fit) for name, fit in starts.items()}
         return self._solve(JointProblem(problems, self.protocols))

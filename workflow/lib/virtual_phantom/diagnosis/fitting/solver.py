@@ -165,11 +165,16 @@ class JointProblem:
         return information, gradient
 
 
-def solve(problem: JointProblem, start: Iterate) -> Solution:
+def solve(problem: JointProblem, start: Iterate, share: float = CONVERGED_SHARE) -> Solution:
     """Minimize chi-square from a start.
 
     A Jacobian by finite differences costs one prediction per number. With Broyden's updates it stays in use as long as
     steps gain about as much as it predicts.
+
+    Parameters
+    ----------
+    share : float, optional
+        Share of the excess of chi-square over noise by which a step at the end changes chi-square.
     """
     here, jacobians, damping, as_expected = start, problem.inherited_jacobians(start), 0.0, False
     small_steps, stalled = 0, False
@@ -178,7 +183,7 @@ def solve(problem: JointProblem, start: Iterate) -> Solution:
         if fresh:
             jacobians = problem.jacobians(here)
         information, gradient = problem.normal(jacobians, here)
-        before, enough = here.chi_square, max(CONVERGED, CONVERGED_SHARE * (here.chi_square - problem.count))
+        before, enough = here.chi_square, max(CONVERGED, share * (here.chi_square - problem.count))
         step = _step(problem, here, information, gradient, damping, enough, fresh)
         damping = step.damping
         if step.reached is not None:

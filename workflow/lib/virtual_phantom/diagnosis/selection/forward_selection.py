@@ -136,7 +136,7 @@ def choose(
     """
     accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
     # Fits from other starts stay out of the cache, which holds one fit for each set of effects.
-    refit = partial(trials, fitter, processes=processes, progress=progress, with_errors=False)
+    refit = partial(trials, fitter, processes=processes, progress=progress, final=False)
     screen = partial(screened, fitter, processes=processes, progress=progress)
     fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, kept=kept), screen)
     fits.alone = fits.filters(baseline.fit, fits.others(())) if alone is None else alone
@@ -171,8 +171,9 @@ class ForwardSelection:
         self.add_effects()
         choice = self.exchange_effects()
         found = self._filters_beside(choice.chosen) if choice.chosen.fit.effects else {}
-        fit = self.fits.fitter.with_errors(choice.chosen.fit)
-        choice = replace(choice, chosen=replace(choice.chosen, fit=fit))
+        fit = self.fits.fitter.finished(choice.chosen.fit)
+        if fit is not choice.chosen.fit:
+            choice = replace(choice, chosen=replace(choice.chosen, fit=fit, score=self.fits.fitter.score(fit)))
         significant = [name for name, one in found.items() if stands_out(one, len(found), 2 * LEAST_GAIN)]
         undecided = {name: found[name].gain / 2 for name in significant}
         numerical = self.accuracy.get("numerical", 0.0)

@@ -20,7 +20,7 @@ def trials(
     processes: int = 1,
     kept: FitCache | None = None,
     progress: DiagnosisProgress | None = None,
-    with_errors: bool = True,
+    final: bool = True,
 ) -> list[Trial]:
     """Fit and score several models; results do not depend on the number of processes.
 
@@ -32,7 +32,7 @@ def trials(
         Maximum number of processes.
     kept : FitCache, optional
         Cache that trials are read from and written to.
-    with_errors : bool, optional
+    final : bool, optional
         As Fitter.fit.
 
     Raises
@@ -42,7 +42,7 @@ def trials(
     """
 
     def make(*task) -> Trial:
-        found = trial(fitter, *task, with_errors=with_errors)
+        found = trial(fitter, *task, final=final)
         if kept is not None:
             kept.put(found, *task)
         LOGGER.info("fitted %s: log score %.1f", " and ".join(task[0]) or "the alignment", found.score)
