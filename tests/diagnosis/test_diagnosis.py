@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy import special, stats
-from simulated_scans import body, chosen
+from simulated_scans import body, chosen, disc_bench, scans_of
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
@@ -195,6 +195,30 @@ def test_derivatives_include_the_gain_pattern(scene):
     assert not fit.nuisance_errors and fit.errors == {"gain_pattern": fit.errors["gain_pattern"], "scatter": {}}
     whole = fitter.fit(("gain_pattern", "scatter"))
     assert fitter.finished(fit).chi_square == pytest.approx(whole.chi_square, abs=0.02)
+
+
+def test_information_beside_a_gain_pattern_is_that_of_correlated_noise():
+    """Constants of pixels correlate the noise of all views; the matrix of covariances is inverted as a whole."""
+    chain = Chain(DiscScene(160.0, "water"), disc_bench(view_interval_ms=25.0), PHOTONS)
+    random = np.random.default_rng(9)
+    pattern = 0.01 * random.normal(size=chain.geometry.shape[1:])
+    taken = scans_of(chain.state({}), 2, random, pattern)
+    fitter = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS).fitter
+    problem = Problem.at(fitter, fitter.fit(("gain_pattern", "scatter")))
+    weight, total = fitter.weights[0], fitter.data.pattern_sums(fitter.weights[0].reshape(fitter.data.mean.shape))
+    used = weight > 0
+    assert problem.pattern.smooth and problem.pattern.rms == pytest.approx(0.01, rel=0.3)
+    share = problem.pattern.share
+    prior = np.broadcast_to(share / (1 - share) / np.maximum(total, 1e-300), fitter.data.mean.shape).ravel()
+    pixel = np.broadcast_to(np.arange(total.size).reshape(total.shape), fitter.data.mean.shape).ravel()
+    covariance = np.diag(1 / weight[used]) + np.where(pixel[used, None] == pixel[used], prior[used], 0)
+    plain, beside = problem.changes_at_start()[0], problem.jacobian_at_start()[0]
+    np.testing.assert_allclose(
+        (beside * weight) @ beside.T,
+        plain[:, used] @ np.linalg.solve(covariance, plain[:, used].T),
+        rtol=1e-6,
+        atol=1e-9,
+    )
 
 
 def test_locations_of_a_difference_are_found(scene):

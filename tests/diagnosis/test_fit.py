@@ -276,6 +276,20 @@ def test_jacobians_at_finished_fits_are_computed_once():
     assert data_changes(Problem.at(fitter.of(known), fit)).shape[1] == len(again.start) - 1
 
 
+def test_columns_of_the_given_fit_are_inherited():
+    """The steps of the two problems may differ, and the derivatives change little beside faint scatter."""
+    fitter = fitted_to({})
+    given = fitter.fit(())
+    problem = Problem(fitter, ("scatter",), given)
+    point = problem.start.copy()
+    point[0] = 1e-3
+    residuals = problem.residuals(point)
+    fresh, inherited = problem.jacobian(point, residuals)[0], problem.inherited_jacobian(point, residuals)[0]
+    np.testing.assert_array_equal(inherited[:2], fresh[:2])  # of scatter
+    assert (np.linalg.norm(inherited - fresh, axis=1) <= 0.05 * np.linalg.norm(fresh, axis=1)).all()
+    assert Problem(fitter, (), given).inherited_jacobian(given, residuals) is None
+
+
 def test_scatter_cannot_be_negative():
     """Data that need a negative amount of an effect support another effect."""
     least, most = amounts(load("scatter").parameters)
