@@ -107,7 +107,7 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     first, most = None, OF_SHAPES if isinstance(scene, ShapesScene) else OF_VOXELS
     for _ in range(most if uncertain is not None and uncertain.has_surfaces else 0):
         # A free size would take the place of surfaces while these are linear.
-        fit = ready(known | {"size": FIXED}, first).fitter.fit((), final=False)
+        fit = ready(known | {"size": FIXED}, first).fitter.fit(())
         before = np.inf if first is None else first.chi_square
         pulled = max((abs(pull) for name, pull in fit.pulled.items() if name.startswith(SURFACE)), default=0.0)
         if pulled > MOST_PULLED:

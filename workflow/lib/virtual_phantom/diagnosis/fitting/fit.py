@@ -15,15 +15,12 @@ from ..noise.gain_pattern import Pattern
 from .linearization import BASE, Linearization
 from .model import Model
 from .problem import Problem, chi_square
-from .solver import CONVERGED_SHARE, JointProblem, solve
+from .solver import JointProblem, solve
 from .steps import standard_errors
 
 # A fit has stalled if its derivatives predict a decrease of chi-square larger than this, but no step achieves it. It is
 # then repeated from starts farther away (problem.FARTHER).
 STALLED = 8.0
-# The same as a share of the excess over noise. The excess shows that the model is inexact, and its derivatives, too.
-STALLED_SHARE = 1e-3
-COMPARED_SHARE = 1e-4  # as solver.CONVERGED_SHARE, for fits that are compared with each other
 KEPT = 4  # Jacobians at the ends of fits, for rankings, tests and intervals: of two fits, on both halves of the data
 
 
@@ -156,8 +153,7 @@ class Fitter:
         """
         problem = Problem(self, effects, given)
         found, predicted_decrease = self._solve(problem, final)
-        excess = found.chi_square - problem.count
-        if predicted_decrease > max(STALLED, STALLED_SHARE * excess) and from_farther:
+        if predicted_decrease > STALLED and from_farther:
             others = [self._solve(Problem(self, effects, start), final)[0] for start in problem.farther(found)]
             found = min([found, *others], key=lambda fit: fit.chi_square)
         return self._with_errors(found) if final else found
@@ -167,7 +163,7 @@ class Fitter:
         point = problem.best_start()
         problem.follow(point)
         alone = JointProblem({"": problem}, {"": ""})
-        found = solve(alone, alone.recompute(point), CONVERGED_SHARE if final else COMPARED_SHARE)
+        found = solve(alone, alone.recompute(point), compared=not final)
         errors = standard_errors(found.information) if final and found.information is not None else None
         return Fit.at(problem, found.point, errors, found.residuals[""]), found.predicted_decrease
 

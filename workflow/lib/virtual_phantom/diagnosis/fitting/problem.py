@@ -66,7 +66,7 @@ class Problem:
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self._given, given = given, given or self.model.first
         self.patterned = any(load(name).pattern for name in effects)
-        self.pattern: Pattern | None = None
+        self.pattern: Pattern | None = given.pattern if given is not None and given.effects == self.effects else None
         self.linearization, self.linearized = self.model.nominal if given is None else given.linearization, 0
         self.all_effects = self.model.with_declared_effects(self.effects)
         self.unknowns = self.model.unknowns(self.all_effects)
@@ -96,9 +96,7 @@ class Problem:
     @classmethod
     def at(cls, fitter, fit, beside: str | None = None) -> Problem:
         """Return the problem that a fit has solved, beginning where the fit ended."""
-        found = cls(fitter, fit.effects, fit, beside)
-        found.pattern = fit.pattern
-        return found
+        return cls(fitter, fit.effects, fit, beside)
 
     def of_held_out(self) -> Problem:
         """Return the same problem on the held-out data, which do not change the gain pattern."""
@@ -317,10 +315,12 @@ class Problem:
 
     def jacobian_at_start(self) -> list[np.ndarray]:
         """Return the Jacobian at the starting point."""
-        found = self.changes_at_start()
+        return self._rows_beside_pattern(self.changes_at_start())
+
+    def _rows_beside_pattern(self, rows: list[np.ndarray]) -> list[np.ndarray]:
         if self.pattern is None:
-            return found
-        return [np.stack(parts) for parts in zip(*map(self.beside_pattern, zip(*found, strict=True)), strict=True)]
+            return rows
+        return [np.stack(parts) for parts in zip(*map(self.beside_pattern, zip(*rows, strict=True)), strict=True)]
 
     def changes_at_start(self) -> list[np.ndarray]:
         """Return the Jacobian at the starting point for a known gain pattern, from the cache unless it is large."""
@@ -344,17 +344,17 @@ class Problem:
             return fitted, fitted
         return fitted, self.of_held_out().changes_at_start()
 
-    def jacobian_of_held_out(self) -> list[np.ndarray]:
-        """Return the Jacobian of the held-out data at the starting point.
+    def jacobians_of_halves(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Return the Jacobians of the fitted and of the held-out data at the starting point.
 
-        The gain pattern responds to the parameters, as it is estimated from the fitted data.
+        In held-out data, a gain pattern responds to the parameters, as it is estimated from the fitted data.
         """
         fitted, held = self.changes_of_halves()
         if self.pattern is None:
-            return held
+            return fitted, held
         there = self.of_held_out()
         responding = [there._less(self.pattern.constants, *rows) for rows in zip(held[0], fitted[0], strict=True)]
-        return [np.stack(responding), *held[1:]]
+        return self._rows_beside_pattern(fitted), [np.stack(responding), *held[1:]]
 
     def normal(self, jacobian, point: np.ndarray, residuals: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the information matrix, and the gradient of minus half of chi-square."""

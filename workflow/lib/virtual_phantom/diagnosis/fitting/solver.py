@@ -20,6 +20,9 @@ from .steps import bounded_step, updated
 ITERATIONS = 60
 # Convergence: change of chi-square between two iterations, and the same as a share of its excess over noise.
 CONVERGED, CONVERGED_SHARE = 0.02, 1e-5
+# The same for fits that are only compared with others: half a unit of log score at most, an eighth of the least gain of
+# an effect (forward_selection.LEAST_GAIN).
+COMPARED, COMPARED_SHARE = 1.0, 1e-4
 # A Jacobian stays in use while the gain of a step over the predicted gain is in this range.
 AS_EXPECTED = (0.7, 1.4)
 # Marquardt's damping starts at 0, then LEAST_DAMPING, and grows by DAMPING while steps raise chi-square.
@@ -93,6 +96,11 @@ class JointProblem:
         self.count = sum(problem.count for problem in self.problems.values())
         self.patterned = any(problem.patterned for problem in self.problems.values())
 
+    @property
+    def smooth(self) -> bool:
+        """Whether a gain pattern has a smooth part (Pattern.smooth)."""
+        return any(problem.pattern is not None and problem.pattern.smooth for problem in self.problems.values())
+
     def parts(self, point: np.ndarray) -> Iterator[tuple[str, Problem, np.ndarray]]:
         """Yield each recording's name, problem, and part of a joint point."""
         for name, problem in self.problems.items():
@@ -165,7 +173,7 @@ class JointProblem:
         return information, gradient
 
 
-def solve(problem: JointProblem, start: Iterate, share: float = CONVERGED_SHARE) -> Solution:
+def solve(problem: JointProblem, start: Iterate, compared: bool = False) -> Solution:
     """Minimize chi-square from a start.
 
     A Jacobian by finite differences costs one prediction per number. With Broyden's updates it stays in use as long as
@@ -173,8 +181,8 @@ def solve(problem: JointProblem, start: Iterate, share: float = CONVERGED_SHARE)
 
     Parameters
     ----------
-    share : float, optional
-        Share of the excess of chi-square over noise by which a step at the end changes chi-square.
+    compared : bool, optional
+        Whether the result is only compared with others, so that it may end earlier (COMPARED).
     """
     here, jacobians, damping, as_expected = start, problem.inherited_jacobians(start), 0.0, False
     small_steps, stalled = 0, False
@@ -183,7 +191,8 @@ def solve(problem: JointProblem, start: Iterate, share: float = CONVERGED_SHARE)
         if fresh:
             jacobians = problem.jacobians(here)
         information, gradient = problem.normal(jacobians, here)
-        before, enough = here.chi_square, max(CONVERGED, share * (here.chi_square - problem.count))
+        before, excess = here.chi_square, here.chi_square - problem.count
+        enough = max(CONVERGED, CONVERGED_SHARE * excess, min(COMPARED_SHARE * excess, COMPARED if compared else 0.0))
         step = _step(problem, here, information, gradient, damping, enough, fresh)
         damping = step.damping
         if step.reached is not None:
@@ -194,7 +203,8 @@ def solve(problem: JointProblem, start: Iterate, share: float = CONVERGED_SHARE)
         if not converged:
             as_expected = AS_EXPECTED[0] * step.expected < gained < AS_EXPECTED[1] * step.expected
             if problem.patterned:
-                here = problem.recompute(here.point)
+                smooth, here = problem.smooth, problem.recompute(here.point)
+                as_expected = as_expected and problem.smooth == smooth
             slow = damping >= HIGH_DAMPING or gained < AS_EXPECTED[0] * step.expected
             if gained >= SMALL_GAIN or (fresh and not slow):
                 small_steps = 0

@@ -59,7 +59,7 @@ class Pattern:
 
         Let r be a residual with weights W, A r its means, S the shares, and B the spreading of constants over the data.
         The best constants S A r leave r'W (r - B S A r), with the squares of their priors. This is the weighted square
-        of r - B (1 - sqrt(1 - S)) A r, as A B = 1.
+        of r - B (1 - sqrt(1 - S)) A r, as A B = 1. Without the smooth part, this is an approximation.
         """
         return (1 - np.sqrt(1 - self.share)) * self._mean(residual, weight, sums)
 

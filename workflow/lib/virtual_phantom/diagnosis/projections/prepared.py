@@ -110,7 +110,7 @@ class PreparedScans(Prepared):
                     number.name: number.expected for number in corrected.fitter.model.nuisances_for(fit.effects)
                 }
                 fit = replace(fit, nuisance=expected)
-            fit = corrected.fitter.fit(fit.effects, fit, final=False)
+            fit = corrected.fitter.fit(fit.effects, fit)
             gained, least = least - fit.chi_square, min(least, fit.chi_square)
             if gained > 0:
                 best = corrected

@@ -48,7 +48,7 @@ class Choice:
     alone : dict of str to float
         {candidate: gain in held-out log score with this effect alone}, to first order if it has no fit in `singles`.
     chosen : Trial
-        Fit of the selected effects; without effects if none is needed.
+        Final fit of the selected effects; without effects if none is needed. Gains are differences of fits before it.
     gains : dict of str to float
         {effect: held-out log score lost without it, the others refitted}.
     alternatives : dict of str to dict of str to float

@@ -126,8 +126,8 @@ def distortions_of_physics(
         As `forward_selection.choose` takes it.
     """
     problem, here = Problem.at(fitter, fit), fitter.predicted(fit)
-    parts, spread = fitter.data.residuals(here), shapes(here.mean)
-    after, found = problem.whitened(parts), []
+    parts, spread, first = fitter.data.residuals(here), shapes(here.mean), len(problem.unknowns)
+    found = []
     for name in names:
         share = accuracy.get(name, accuracy["default"])
         if not share or load(name).kinematic or load(name).pattern:
@@ -135,20 +135,23 @@ def distortions_of_physics(
         other = fitter.of(fitter.model.undeclared(name)) if name in fitter.model.declared else fitter
         physics = {key: values for key, values in fit.physics.items() if key != name}
         there = other.model.predict(physics, fit.nuisance, fitter.data, fit.linearization)
-        change = problem.whitened(fitter.data.residuals(there)) - after
+        change = [one - part for one, part in zip(fitter.data.residuals(there), parts, strict=True)]
         if name not in fit.effects:
-            aligned = columns[:, len(problem.unknowns) :]
             prior_precision = Problem.at(other, fit).prior_precision[-len(problem.nuisances) :]
-            numbers, known = np.vstack([aligned, np.diag(np.sqrt(prior_precision))]), np.zeros(len(prior_precision))
-            change -= aligned @ np.linalg.lstsq(numbers, np.concatenate([change, known]), rcond=None)[0]
-        mean, rest = np.split(share * change, [here.mean.size])
-        for number, shape in spread.items():  # other parts of the data change only with shape 0
-            found.append(np.concatenate([mean * shape.ravel(), rest if number == 0 else np.zeros_like(rest)]))
+            numbers = np.vstack([columns[:, first:], np.diag(np.sqrt(prior_precision))])
+            known = np.concatenate([problem.whitened(change), np.zeros(len(prior_precision))])
+            amounts = np.linalg.lstsq(numbers, known, rcond=None)[0] / problem.steps[first:]
+            rows = problem.changes_at_start()
+            change = [part - amounts @ row[first:] for part, row in zip(change, rows, strict=True)]
+        mean, *rest = [share * part for part in change]
+        for shape in spread.values():
+            found.append(problem.whitened([mean * shape.ravel(), *rest]))
+            rest = [np.zeros_like(part) for part in rest]  # other parts of the data change only with the uniform shape
         if name in fit.effects:
             found += [change for _, change in _of_kernels(problem, fit, name, parts, share)]
     if set(names) & set(fit.effects):
         found += [change for _, change in _of_steps(problem, fit, accuracy)]
-    return np.stack(found, axis=1) if found else np.zeros((len(after), 0))
+    return np.stack(found, axis=1) if found else np.zeros((len(columns), 0))
 
 
 def shapes(level: np.ndarray) -> dict[int, np.ndarray]:

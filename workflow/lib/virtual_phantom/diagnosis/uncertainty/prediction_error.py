@@ -21,7 +21,7 @@ def changes_by_parameter_errors(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
     recordings, less the part that the fitted parameters compensate for.
     """
     problem = Problem.at(fitter, fit)
-    fitted, held = problem.jacobian_at_start(), problem.jacobian_of_held_out()
+    fitted, held = problem.jacobians_of_halves()
     information, _ = problem.normal(fitted, problem.start, [np.zeros(rows.shape[1]) for rows in fitted])
     directions = _directions(problem, fit, information)
     return [(directions / problem.steps) @ rows for rows in held]

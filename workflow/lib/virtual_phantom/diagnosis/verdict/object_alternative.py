@@ -69,9 +69,10 @@ def _freed(fitter: Fitter, fit: Fit) -> tuple[float, dict[str, float], str]:
     names = fitter.model.object_errors.names
     place = problem.positions(names)
     problem.prior_precision[place] /= FREED**2
-    fitted, held = problem.changes_of_halves()
+    fitted, held = problem.jacobians_of_halves()
     residuals = fitter.residuals(fit)
-    information, gradient = problem.normal(fitted, problem.start, fitter.residuals(fit, held_out=False))
+    before = problem.beside_pattern(fitter.data.residuals(fitter.predicted(fit)))
+    information, gradient = problem.normal(fitted, problem.start, before)
     step = ScaledEigenvalues.of(information).covariance @ gradient
     after = [part - (step / problem.steps) @ rows for part, rows in zip(residuals, held, strict=True)]
     gain = (chi_square(fitter.held_weights, residuals) - chi_square(fitter.held_weights, after)) / 2

@@ -70,6 +70,8 @@ class _Side:
 def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change]:
     """Test every kind of change that no parameter of a fit describes; the most significant first.
 
+    A gain pattern counts as known, with errors of its constants in held-out data.
+
     Parameters
     ----------
     numerical : float, optional
