@@ -63,8 +63,7 @@ def left_over(prepared_data, physics, fit):
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
     fitted = HalfResiduals([part.copy() for part in parts], fitter.weights, prepared_data.data)
     more = alignment_tests(fit, fitter.model.distortions)
-    of_pattern = None if fit.pattern is None else fit.pattern.variance
-    places = domain_tests(HalfResiduals(parts, fitter.held_weights, held_out), of_pattern, fitted, more)
+    places = domain_tests(HalfResiduals(parts, fitter.held_weights, held_out), fit.pattern_variance, fitted, more)
     # Without noise, a sum of squares lacks the expectation of the noise.
     weight = fitter.held_weights[0].reshape(shape)
     terms = {"edges": EDGE_SHARE * (weight > 0).sum(), "pixels": (weight.sum(axis=0) > 0).sum()}

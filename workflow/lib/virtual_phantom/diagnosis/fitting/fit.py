@@ -67,6 +67,11 @@ class Fit:
     corrected: float = 0.0
     pattern: Pattern | None = field(default=None, repr=False)
 
+    @property
+    def pattern_variance(self) -> np.ndarray | None:
+        """Variance of the constants of the gain pattern (Pattern.variance); None without a pattern."""
+        return None if self.pattern is None else self.pattern.variance
+
     @classmethod
     def at(cls, problem: Problem, point: np.ndarray, errors: np.ndarray | None, residuals: Sequence[np.ndarray]) -> Fit:
         """Return the result of a fit that ended at a point.

@@ -64,8 +64,8 @@ class Pattern:
         return (1 - np.sqrt(1 - self.share)) * self._mean(residual, weight, sums)
 
     def _mean(self, residual: np.ndarray, weight: np.ndarray, sums: Sums) -> np.ndarray:
-        mean, good = _mean(residual, weight, sums)
-        return mean if self.smooth else _without_smooth(mean, good)[0]
+        mean, total = _mean(residual, weight, sums)
+        return mean if self.smooth else _without_smooth(mean, total > 0)[0]
 
 
 def pattern_p_value(rms: float, error: float) -> float:
@@ -96,8 +96,9 @@ def estimate(
     smooth : bool, optional
         Whether the smooth part belongs to the pattern, however large it is.
     """
-    mean, good = _mean(residual, weight, sums)
-    noise = np.where(good, 1 / np.where(good, sums(weight), 1), 0)
+    mean, total = _mean(residual, weight, sums)
+    good = total > 0
+    noise = np.where(good, 1 / np.where(good, total, 1), 0)
     if not good.any():
         return Pattern(mean, noise, np.zeros_like(noise), smooth, 0.0, 0.0)
     rough, left = _without_smooth(mean, good)
@@ -117,10 +118,10 @@ def estimate(
 
 
 def _mean(residual: np.ndarray, weight: np.ndarray, sums: Sums) -> tuple[np.ndarray, np.ndarray]:
-    """Return the weighted mean residual of the data that share a constant, and whether they have weight."""
+    """Return the weighted mean residual of the data that share a constant, and their total weight."""
     total = sums(weight)
     good = total > 0
-    return np.where(good, sums(weight * residual) / np.where(good, total, 1), 0), good
+    return np.where(good, sums(weight * residual) / np.where(good, total, 1), 0), total
 
 
 def _widths(shape: tuple[int, ...]) -> list[float]:

@@ -80,8 +80,7 @@ class PreparedScans(Prepared):
     ) -> list[DomainTest]:
         """See Prepared.domains."""
         uncertain = None if fitted is None else changes_by_parameter_errors(self.fitter, fit)
-        of_pattern = None if fit.pattern is None else fit.pattern.variance
-        return domain_tests(half, of_pattern, fitted, more, uncertain, self.step)
+        return domain_tests(half, fit.pattern_variance, fitted, more, uncertain, self.step)
 
     def share_at_edges(self, fit: Fit) -> float:
         """See Prepared.share_at_edges."""

@@ -26,8 +26,7 @@ def content_of(trial: Trial) -> dict:
     """Return a trial as JSON content."""
     fit = asdict(trial.fit)
     if fit["pattern"] is not None:
-        arrays = {name: values.tolist() for name, values in fit["pattern"].items() if isinstance(values, np.ndarray)}
-        fit["pattern"] |= arrays
+        fit["pattern"] = {name: np.asarray(values).tolist() for name, values in fit["pattern"].items()}
     return {"fit": fit, "score": trial.score, "p": trial.p}
 
 

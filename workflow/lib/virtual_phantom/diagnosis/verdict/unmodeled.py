@@ -89,10 +89,9 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
     # One more step completes the fit, and fits the remaining amplitudes of numerical distortions.
     step = inverse @ (fitted.columns.T @ fitted.residual + off)
     residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step
-    of_pattern = None if fit.pattern is None else fit.pattern.variance
     found, of_steps = [], numerical**2 * fit.corrected
     for words, directions, piece in _tried(prepared, fit):
-        change = _change(fitted, held, residuals, inverse, directions, of_pattern, of_steps)
+        change = _change(fitted, held, residuals, inverse, directions, fit.pattern_variance, of_steps)
         if change is not None:
             found.append(Change(words, *change, piece))
     return sorted(found, key=lambda change: change.p)
