@@ -36,7 +36,7 @@ PHYSICS = (
     {"scatter": {"amount": 0.1, "width_mm": 40.0}},
     {"focal_spot": {"width_mm": 1.2, "length_mm": 1.2}},
     {"detector_offset": {"columns_px": 0.3}},
-    {"veiling_glare": {"share": 0.05, "width_mm": 60.0}},
+    {"veiling_glare": {"share": 0.05, "width_mm": 60.0, "beyond": 0.0}},
     {"optical_crosstalk": {"column": 0.05, "row": 0.05}},
     {"afterglow": {"share": 0.05, "time_constant_ms": 15.0, "before": 0.0}},
     {"centre_of_rotation": {"shift_mm": 0.4}},

@@ -16,7 +16,7 @@ from virtual_phantom.physics.scenes.shapes import DiscScene
 PHOTONS = 1e5
 TRIED = ("dark_signal", "motion", "afterglow")
 STRONG = {"dark_signal": {"level_units": 800.0, "drift_units_per_s": 0.0}}
-WEAK = {"motion": {"x_mm_per_s": 0.25, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0}}
+WEAK = {"motion": {"x_mm_per_s": 0.25, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0, "slowing": 0.0}}
 ACCURACY = {"default": 0.3, "numerical": 0.0}
 CHAIN = Chain(DiscScene(160.0, "water"), disc_bench(view_interval_ms=25.0), PHOTONS)
 

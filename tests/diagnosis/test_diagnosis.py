@@ -55,7 +55,7 @@ CONCEALED = {
     "electronic_noise": {"photons": 40.0},
     "optical_crosstalk": {"column": 0.03, "row": 0.03},
     "gain_pattern": {"rms": 0.004, "detector": 3.0},
-    "motion": {"x_mm_per_s": 1 / 0.6, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0},
+    "motion": {"x_mm_per_s": 1 / 0.6, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0, "slowing": 0.0},
     "photon_flux": {"factor": 0.8},
 }
 

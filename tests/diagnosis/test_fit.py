@@ -169,7 +169,7 @@ def test_grid_is_found_with_known_scatter():
 @pytest.mark.parametrize("share, width_mm", [(0.002, 25.0), (0.004, 90.0)])
 def test_faint_wide_glare_is_found_from_the_default_start(share, width_mm):
     """The width changes the data much less than the share. A fit that neglects it would stay at its starting width."""
-    truth = {"veiling_glare": {"share": share, "width_mm": width_mm}}
+    truth = {"veiling_glare": {"share": share, "width_mm": width_mm, "beyond": 0.0}}
     fitter = fitted_to(truth)
     fit = fitter.fit(("veiling_glare",), fitter.fit(()))
     errors = fit.errors["veiling_glare"]
@@ -221,7 +221,7 @@ def test_intervals_of_a_value_equal_those_of_its_square(number, error):
         # A wrong distance has pushed the object size to its bound; the filter only has to release it.
         (("afterglow",), {"source_distance": {"isocentre_mm": 1.8, "detector_mm": 0.0}}),
         # Widths far from the typical one.
-        (("photon_flux",), {"veiling_glare": {"share": 0.01, "width_mm": 10.0}}),
+        (("photon_flux",), {"veiling_glare": {"share": 0.01, "width_mm": 10.0, "beyond": 0.0}}),
         # The same distance with the object size just at its bound: releasing the size is most of the gain.
         (("afterglow",), {"source_distance": {"isocentre_mm": 1.45, "detector_mm": 0.0}}),
         ((), {"detector_offset": {"columns_px": 0.01}}),

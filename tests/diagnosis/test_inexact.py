@@ -78,8 +78,8 @@ def test_intervals_are_correct_for_data_with_model_errors(chain):
 def test_kernel_of_another_shape_shifts_parameters_by_the_counted_error(chain, monkeypatch):
     """Add as much glare of half the width: the parameters move by the error that is counted for it."""
     monkeypatch.setattr(model_error, "kernel_error", lambda parameter, share: float(parameter.kernel))
-    glare = {"veiling_glare": {"share": 0.03, "width_mm": 60.0}}
-    narrower = {"veiling_glare": {"share": 0.03, "width_mm": 30.0}}
+    glare = {"veiling_glare": {"share": 0.03, "width_mm": 60.0, "beyond": 0.0}}
+    narrower = {"veiling_glare": {"share": 0.03, "width_mm": 30.0, "beyond": 0.0}}
     wide, narrow = (chain.state(one).line_integrals() for one in (glare, narrower))
     lines = chain.state({}).line_integrals()
     fitter, without, fit = fitted(chain, 4, 0.0, glare)

@@ -101,7 +101,7 @@ SETTINGS = (
     ({}, {"x_mm": 0.4}),
     ({"focal_spot": {"width_mm": 2.0, "length_mm": 1.0}}, {"x_mm": 0.401, "turn_deg": 0.003}),
     ({"detector_offset": {"columns_px": 0.02}}, {"y_mm": -0.2}),
-    ({"motion": {"x_mm_per_s": 1.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0}}, {"x_mm": 0.402}),
+    ({"motion": {"x_mm_per_s": 1.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0, "slowing": 0.0}}, {"x_mm": 0.402}),
 )
 
 

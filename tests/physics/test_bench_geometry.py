@@ -9,6 +9,7 @@ import astra
 import numpy as np
 import pytest
 from scanner import SCANNER
+from scipy.integrate import cumulative_trapezoid
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.base.mounting import AS_STATED, Mounting
@@ -99,16 +100,19 @@ def test_detector_row_offset():
     np.testing.assert_allclose(found({"detector_row_offset": {"rows_mm": 3.0}}), upright() - [[0], [3]], atol=0.015)
 
 
-def test_drifting_source():
+@pytest.mark.parametrize("slowing", [0.0, 0.6])
+def test_drifting_source(slowing):
     velocity = np.array([3.0, -2.0, 8.0])
-    drift = dict(zip(("columns_mm_per_s", "rows_mm_per_s", "away_mm_per_s"), velocity, strict=True))
-    there = upright(source=velocity[:, None] * TIMES)
-    assert np.abs(there - upright()).min(axis=1).max() > 0.05
+    drift = dict(zip(("columns_mm_per_s", "rows_mm_per_s", "away_mm_per_s"), velocity, strict=True), slowing=slowing)
+    path = cumulative_trapezoid(np.linspace(1 + slowing, 1 - slowing, VIEWS), TIMES, initial=0)
+    path -= path.mean()
+    there = upright(source=velocity[:, None] * path)
+    assert np.abs(there - upright()).max(axis=1).min() > 0.3
     np.testing.assert_allclose(found({"source_drift": drift}), there, atol=0.015)
     # Drift and jumps of a focal spot are combined.
     jumps = np.where(np.arange(VIEWS) % 2, 0.5, -0.5) * 2.0
     both = {"source_drift": drift, "focal_spot_wobble": {"columns_mm": 2.0, "rows_mm": 0.0}}
-    source = velocity[:, None] * TIMES + np.stack([jumps, 0 * jumps, 0 * jumps])
+    source = velocity[:, None] * path + np.stack([jumps, 0 * jumps, 0 * jumps])
     np.testing.assert_allclose(found(both), upright(source=source), atol=0.015)
 
 

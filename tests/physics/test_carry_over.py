@@ -28,7 +28,7 @@ from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.simulation.acquire import acquire
 
 RADIUS, PLACE, MU = 80.0, np.array([12.0, -7.0]), attenuation_per_mm("water", [DISC_ENERGY_KEV])[0]
-MOVED = {"x_mm_per_s": 1.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0}
+MOVED = {"x_mm_per_s": 1.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0, "slowing": 0.0}
 STEPS = 400  # of a view's interval
 
 

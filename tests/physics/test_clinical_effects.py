@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from simulated_scans import noisy_lines
 
 from virtual_phantom.base.geometry import circular, helical
@@ -13,7 +14,7 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.physics.effects.afterglow import of_views
 from virtual_phantom.physics.scenes.shapes import DiscScene, ShapesScene, box
-from virtual_phantom.physics.spread import spread
+from virtual_phantom.physics.spread import TRUNCATED, spread
 from virtual_phantom.physics.state import CORRECTION_LIMIT, State, correction_polynomial
 from virtual_phantom.physics.stored_state import read_state, to_store
 
@@ -48,6 +49,14 @@ def test_scatter_passes_a_grid_as_often_as_rays_pass_its_plates():
     passed = through_septa(detector.column_positions_mm(), away_mm, ratio, np.random.default_rng(1))
     np.testing.assert_allclose(found, free * passed, atol=4 * free.max() * 0.5 / math.sqrt(20_000))
     assert found.sum() < 0.5 * free.sum()
+
+
+@pytest.mark.parametrize("beyond, mode", [(0.0, "constant"), (1.0, "nearest")])
+def test_spread_continues_beyond_the_detector_as_scipy_does(beyond, mode):
+    views = np.random.default_rng(1).random((2, 7, 9))
+    detector = circular(views=2, columns=9, rows=7, column_pitch_mm=3.0, row_pitch_mm=2.0, **SCANNER)
+    expected = gaussian_filter(views, (0, 3.0, 2.0), mode=mode, truncate=TRUNCATED)
+    np.testing.assert_allclose(spread(views, detector, 6.0, beyond=beyond), expected, rtol=1e-12)
 
 
 def test_grid_reduces_scatter_only():

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import xraylib
+from scipy.integrate import quad
+from scipy.special import k0
 from simulated_scans import noisy_lines
 
 from virtual_phantom.base.errors import InputError
@@ -15,6 +17,7 @@ from virtual_phantom.physics.beam.spectra import TUNGSTEN, tube_spectrum, weight
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.scenes.shapes import DiscScene
+from virtual_phantom.physics.spread import long_tailed_spread
 from virtual_phantom.physics.stored_state import read_state, to_store
 
 SPECTRUM = {"kvp": 120.0, "filtration_mm": 3.0, "sensor_mm": 0.6}
@@ -214,10 +217,28 @@ def test_simulated_noise_has_the_variance_of_weighted_photons(more):
     assert ratio.mean() == pytest.approx(1, abs=4 * np.sqrt(2 / 399 / ratio.size))
 
 
+def test_glare_within_a_radius_has_its_closed_form():
+    """1 - exp(-r / w) of exp(-r / w) / (2 pi w r); on one row, the integral of K0(x / w) / (pi w)."""
+    width_mm, pixel = 20.0, {"column_pitch_mm": 1.0, "row_pitch_mm": 1.0}
+    square, line = (
+        circular(views=1, source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0, columns=301, rows=rows, **pixel)
+        for rows in (301, 1)
+    )
+    bright = np.zeros((1, 301, 301))
+    bright[0, 150, 150] = 1.0
+    found = long_tailed_spread(bright, square, width_mm)[0]
+    away = np.hypot(*np.indices(found.shape) - 150)
+    radii = np.arange(3.5, 120, 4)
+    np.testing.assert_allclose([found[away < r].sum() for r in radii], 1 - np.exp(-radii / width_mm), atol=0.02)
+    found = long_tailed_spread(bright[:, 150:151], line, width_mm)[0, 0]
+    closed = [quad(lambda x: k0(x / width_mm) / (np.pi * width_mm), 0, r)[0] for r in radii]
+    np.testing.assert_allclose([found[151 : 150 + int(r + 1)].sum() + found[150] / 2 for r in radii], closed, atol=0.01)
+
+
 def test_wide_light_spread_adds_no_noise():
     """Counts of many pixels with a tenth of each spread over all: (1 - g)^2 of the variance."""
     chain = Chain(DiscScene(100.0, "water"), GEOMETRY, photons=1e4)
-    state = chain.state({"veiling_glare": {"share": 0.1, "width_mm": 200.0}})
+    state = chain.state({"veiling_glare": {"share": 0.1, "width_mm": 200.0, "beyond": 0.0}})
     np.testing.assert_allclose(state.noise, 0.81 * chain.state({}).signal)
     random = np.random.default_rng(2)
     drawn = random.poisson(1e4, (400, 480))

@@ -142,6 +142,11 @@ class Parameter:
         name = self.title or label(UNIT_AT_END.sub("", self.name))
         return f"kernel {name}" if self.kernel and not self.title else name
 
+    @property
+    def fraction(self) -> bool:
+        """Whether the range is that of a fraction, so that its ends are not mere limits of plausibility."""
+        return (self.low, self.high, self.unit) == (0.0, 1.0, "1")
+
     def to_variable(self, value: float) -> float:
         """Return the variable that fits use in place of a value: its power or its logarithm."""
         return math.log(value) if self.power == LOGARITHM else value**self.power
@@ -245,7 +250,12 @@ class Effect:
     @property
     def kinematic(self) -> bool:
         """Whether the effect only moves rays or the object. Such effects have no model error."""
-        return self.stage in (GEOMETRY, MOTION) or all(map(self.moves, self.parameters))
+        return self.stage in (GEOMETRY, MOTION) or self.all_strengths(self.moves)
+
+    def all_strengths(self, condition: Callable[[Parameter], bool]) -> bool:
+        """Return whether a condition is true for all parameters with a neutral value, and there is one."""
+        found = [condition(one) for one in self.parameters if one.neutral is not None]
+        return bool(found) and all(found)
 
     @property
     def shades(self) -> bool:
@@ -453,10 +463,11 @@ def scan_parameters(name: str) -> dict[str, float | None]:
 def needs_times(name: str) -> bool:
     """Whether an effect is detectable only in scans with known times.
 
-    This is the case if all parameters depend on time, or if one time-dependent parameter has no neutral value.
+    This is the case if all parameters with a neutral value depend on time, or if a time-dependent one has none.
     """
-    parameters = load(name).parameters
-    return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)
+    effect = load(name)
+    shaped = any(one.timed and one.neutral is None for one in effect.parameters)
+    return shaped or effect.all_strengths(lambda parameter: parameter.timed)
 
 
 def needs_lengths(name: str) -> bool:

@@ -1,4 +1,4 @@
-"""Wide Gaussian blur on the detector, for scatter and veiling glare."""
+"""Wide blur on the detector, for scatter and veiling glare."""
 
 from __future__ import annotations
 
@@ -8,31 +8,58 @@ import scipy
 from ..base.geometry import ScanGeometry
 
 TRUNCATED = 3.0  # standard deviations beyond which a kernel is 0
+GAUSSIANS = 5  # The transfer function of a long-tailed kernel is wrong by 0.02 at most, with 7 Gaussians by 0.01.
 
 
 def spread(
-    array: np.ndarray, geometry: ScanGeometry, width_mm: float, reach_mm: tuple[float, float] = (np.inf, np.inf)
+    array: np.ndarray,
+    geometry: ScanGeometry,
+    width_mm: float,
+    reach_mm: tuple[float, float] = (np.inf, np.inf),
+    beyond: float = 0.0,
 ) -> np.ndarray:
     """Return views blurred by a Gaussian on the detector.
 
-    With one detector row, the beam is assumed to be constant along z. Outside of the detector the signal is 0, as with
-    mode "constant" of scipy.ndimage.gaussian_filter. Matrix products are faster than filters for kernels as wide as the
-    detector.
+    With one detector row, the beam is assumed to be constant along z. Matrix products are faster than filters for
+    kernels as wide as the detector.
 
     Parameters
     ----------
     array : ndarray, shape (..., views, rows, columns)
     reach_mm : tuple of 2 float, optional
         Distance along columns and rows, mm, over which a factor of the kernel falls linearly from 1 to 0.
+    beyond : float, optional
+        Signal beyond the detector, relative to that at its edges. With 0 and 1, the result is that of modes "constant"
+        and "nearest" of scipy.ndimage.gaussian_filter.
     """
     columns, rows = (
         _kernel(width_mm / pitch, reach / pitch)
         for pitch, reach in zip((geometry.column_pitch_mm, geometry.row_pitch_mm), reach_mm, strict=True)
     )
-    array = array @ _matrix(geometry.columns, columns)
+    array = array @ _matrix(geometry.columns, columns, beyond)
     if geometry.rows > 1:
-        return _matrix(geometry.rows, rows) @ array
+        return _matrix(geometry.rows, rows, beyond).T @ array
     return array * (2 * rows.sum() - rows[0]) if np.isfinite(reach_mm[1]) else array
+
+
+def long_tailed_spread(array: np.ndarray, geometry: ScanGeometry, width_mm: float, beyond: float = 0.0) -> np.ndarray:
+    """Return views convolved with exp(-r / w) / (2 pi w r) on the detector.
+
+    This kernel is the mean of Gaussians whose standard deviation is half-normally distributed with scale w, here
+    replaced by a few Gaussians (Gauss-Legendre quadrature over quantiles). Its standard deviation along each axis is w.
+
+    Parameters
+    ----------
+    array : ndarray, shape (..., views, rows, columns)
+    beyond : float, optional
+        As for `spread`.
+    """
+    nodes, shares = np.polynomial.legendre.leggauss(GAUSSIANS)
+    widths = width_mm * np.sqrt(2) * scipy.special.erfinv((nodes + 1) / 2)
+    return sum(
+        float(share) / 2 * spread(array, geometry, float(width), beyond=beyond)
+        for share, width in zip(shares, widths, strict=True)
+    )
 
 
 def _kernel(sigma: float, reach: float) -> np.ndarray:
@@ -43,8 +70,13 @@ def _kernel(sigma: float, reach: float) -> np.ndarray:
     return kernel if np.isinf(reach) else kernel * np.maximum(1 - distance / reach, 0)
 
 
-def _matrix(length: int, kernel: np.ndarray) -> np.ndarray:
-    """Return the symmetric convolution matrix of half a kernel."""
-    column = np.zeros(length)
+def _matrix(length: int, kernel: np.ndarray, beyond: float) -> np.ndarray:
+    """Return the matrix that convolves a row of `length` pixels with half a kernel."""
+    column, tail = np.zeros((2, length))
     column[: len(kernel)] = kernel[:length]
-    return scipy.linalg.toeplitz(column)
+    matrix = scipy.linalg.toeplitz(column)
+    outside = (kernel.sum() - kernel.cumsum())[:length]  # share of the kernel farther away than each pixel
+    tail[: len(outside)] = beyond * outside
+    matrix[0] += tail
+    matrix[-1] += tail[::-1]
+    return matrix

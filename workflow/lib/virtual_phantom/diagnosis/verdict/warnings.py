@@ -123,19 +123,22 @@ def effects_at_bounds(fit: Fit, model: Model) -> list[str]:
 
 
 def _at_bounds(fit: Fit, model: Model) -> list[tuple[str, Parameter, str]]:
-    """Return effect, parameter and a phrase for each parameter that the data measure and that is at its bound."""
+    """Return effect, parameter and a phrase for each parameter that the data measure and that is at its bound.
+
+    Fractions may be 0 or 1.
+    """
     found = []
     plausible = {(name, parameter.name): parameter for name in fit.effects for parameter in model.parameters(name)}
     for unknown in model.unknowns(fit.effects):
         value, error = fit.physics[unknown.effect][unknown.name], fit.errors[unknown.effect].get(unknown.name, 0.0)
         low, high = unknown.value(unknown.low), unknown.value(unknown.high)
-        if WELL_KNOWN * error > high - low:  # the data do not measure it
+        parameter = plausible[unknown.effect, unknown.name]
+        if parameter.fraction or WELL_KNOWN * error > high - low:  # the data do not measure it
             continue
         # A lower end of 0 is the absence of the effect.
         ends = {"upper": high} | ({"lower": low} if low not in (0, unknown.neutral) else {})
         for end, bound in ends.items():
             if abs(value - bound) <= AT_BOUND * (high - low):
-                parameter = plausible[unknown.effect, unknown.name]
                 name, unit = parameter.display_name, "" if parameter.unit == "1" else f" {parameter.unit}"
                 known = _stated(unknown, model) or "not stated"
                 what = f"{name} of {load(unknown.effect).display_name}"

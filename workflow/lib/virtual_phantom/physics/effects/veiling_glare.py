@@ -1,7 +1,7 @@
 """Veiling glare: light that spreads far within the detector."""
 
 from ..effect import Effect, Parameter
-from ..spread import spread
+from ..spread import long_tailed_spread
 from ..state import State
 
 
@@ -10,7 +10,8 @@ def apply(state: State, values: dict[str, float]) -> None:
     share = values["share"]
 
     def veiled(signal):
-        return (1 - share) * signal + share * spread(signal, state.geometry, values["width_mm"])
+        spread = long_tailed_spread(signal, state.geometry, values["width_mm"], values["beyond"])
+        return (1 - share) * signal + share * spread
 
     # Light that spreads over thousands of pixels adds no noise to a single one.
     state.noise = (1 - share) ** 2 * state.noise
@@ -21,16 +22,17 @@ EFFECT = Effect(
     name="veiling_glare",
     physics="Light and fluorescence spread far within the detector, so every pixel shows a little of its wide "
     "surroundings.",
-    equation="S' = (1 - g) S + g G_w * S, also in the air scan; G_w: Gaussian of SD w; the variance is multiplied by "
-    "(1 - g)^2",
-    source="J. A. Seibert, O. Nalcioglu and W. W. Roeck, Med. Phys. 11, 172 (1984), with one Gaussian",
+    equation="S' = (1 - g) S + g K_w * S, also in the air scan; K_w: exp(-r/w) / (2 pi w r), as a sum of Gaussians; "
+    "beyond the detector, S is b times its value at the edge; the variance is multiplied by (1 - g)^2",
+    source="J. A. Seibert, O. Nalcioglu and W. W. Roeck, Med. Phys. 11, 172 (1984)",
     stage="crosstalk",
     signature="line integrals are too low behind the object and above 0 next to it; the white field falls off at the "
     "edges",
     settled_by="scan a lead disc: the signal behind it grows with the open field around it",
     parameters=(
         Parameter("share", "1", "share g of the signal that spreads", 0.0, 0.3, 0.02, 0.03),
-        Parameter("width_mm", "mm", "width w of the spread at the detector", 5.0, 200.0, 40.0, 40.0, None, kernel=True),
+        Parameter("width_mm", "mm", "SD w of the spread along each axis", 5.0, 200.0, 40.0, 40.0, None, kernel=True),
+        Parameter("beyond", "1", "signal b beyond the detector, relative to its edges", 0.0, 1.0, 0.5, 0.0, None),
     ),
     apply=apply,
 )

@@ -209,10 +209,11 @@ OF_SIMULATOR = {
     ),
     GVXR: (*OF_GEOMETRY, "spectrum"),
 }
-# A displaced axis and a linear scale have one equation only, and so have Gaussian noise and the number of photons.
+# A displaced axis, a linear scale, Gaussian noise and the number of photons have one equation only. The glare is that
+# of the same publication.
 OWN_EQUATION = {
-    XCIST: ("centre_of_rotation", "hu_calibration"),
-    GVXR: ("centre_of_rotation", "hu_calibration", "electronic_noise", "photon_flux"),
+    XCIST: ("centre_of_rotation", "hu_calibration", "veiling_glare"),
+    GVXR: ("centre_of_rotation", "hu_calibration", "veiling_glare", "electronic_noise", "photon_flux"),
 }
 NOT_SIMULATED = {XCIST: (), GVXR: ("bowtie", "off_focal_radiation", "k_edge_filter")}
 # Not comparable with the library: crosstalk beyond the next pixel, and several decay times.
