@@ -55,7 +55,7 @@ def drawn(name, random, air):
         "afterglow": lambda: {"share": between(0.02, 0.04), "time_constant_ms": between(6, 14), "before": 0.0},
         "view_blur": lambda: {"duty": between(0.5, 0.6)},
         "dark_signal": lambda: {"level_units": between(1e-3, 2e-3) * air, "drift_units_per_s": 0.0},
-        "veiling_glare": lambda: {"share": between(0.01, 0.02), "width_mm": between(30, 60)},
+        "veiling_glare": lambda: {"share": between(0.01, 0.02), "width_mm": between(30, 60), "beyond": 0.0},
         "scatter": lambda: {"amount": between(0.03, 0.1), "width_mm": between(40, 80)},
     }[name]()
 

@@ -8,6 +8,7 @@ from virtual_phantom.physics.effect import (
     OF_AIR_PER_SCAN,
     PER_AIR_PHOTON,
     PER_SCAN,
+    PER_SCAN_SQUARED,
     PER_VIEW,
     STAGES,
     Parameter,
@@ -54,6 +55,7 @@ default), a plausible range, a value at which the effect is off, and the range o
 WORDS = {
     PER_VIEW: "times the time from view to view",
     PER_SCAN: "over the scan",
+    PER_SCAN_SQUARED: "over the square of the scan's duration",
     OF_AIR: "times the reading in air",
     OF_AIR_PER_SCAN: "times the reading in air over the scan",
     PER_AIR_PHOTON: "over the photons of a pixel in air",

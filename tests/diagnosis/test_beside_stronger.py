@@ -11,12 +11,13 @@ from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.selection import forward_selection, screening
 from virtual_phantom.diagnosis.uncertainty.model_error import shapes
 from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.scenes.shapes import DiscScene
 
 PHOTONS = 1e5
 TRIED = ("dark_signal", "motion", "afterglow")
 STRONG = {"dark_signal": {"level_units": 800.0, "drift_units_per_s": 0.0}}
-WEAK = {"motion": {"x_mm_per_s": 0.25, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0, "slowing": 0.0}}
+WEAK = {"motion": load("motion").values({"x_mm_per_s": 0.25})}
 ACCURACY = {"default": 0.3, "numerical": 0.0}
 CHAIN = Chain(DiscScene(160.0, "water"), disc_bench(view_interval_ms=25.0), PHOTONS)
 

@@ -24,6 +24,7 @@ from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.io.files import checksum_path
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.physics.scenes.shapes import DiscScene
 from virtual_phantom.recordings.projections import Projections
@@ -55,7 +56,7 @@ CONCEALED = {
     "electronic_noise": {"photons": 40.0},
     "optical_crosstalk": {"column": 0.03, "row": 0.03},
     "gain_pattern": {"rms": 0.004, "detector": 3.0},
-    "motion": {"x_mm_per_s": 1 / 0.6, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0, "slowing": 0.0},
+    "motion": load("motion").values({"x_mm_per_s": 1 / 0.6}),
     "photon_flux": {"factor": 0.8},
 }
 

@@ -140,7 +140,7 @@ def test_detector_offset_and_axis_offset_separate_at_another_magnification(moved
 
 def test_expected_gain_of_a_pair_equals_that_of_two_fits():
     """Glare and scatter, which the present recording distinguishes: fits give the true separation."""
-    prepared = prepare_recording({"veiling_glare": {"share": 0.02, "width_mm": 60.0, "beyond": 0.0}}, seed=3)
+    prepared = prepare_recording({"veiling_glare": {"share": 0.05, "width_mm": 60.0, "beyond": 0.0}}, seed=3)
     fitter = prepared.fitter
     fits = {name: fitter.fit((name,)) for name in ("veiling_glare", "scatter")}
     scan, model = FurtherScan("disc", "", fitter.model.chain.scene, GEOMETRY), fitter.model

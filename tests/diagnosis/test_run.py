@@ -19,6 +19,7 @@ from virtual_phantom.diagnosis.selection import trials
 from virtual_phantom.diagnosis.selection.fit_cache import FitCache
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.scenes.scene import VoxelScene
 
 PHOTONS = 1e5
@@ -101,7 +102,7 @@ SETTINGS = (
     ({}, {"x_mm": 0.4}),
     ({"focal_spot": {"width_mm": 2.0, "length_mm": 1.0}}, {"x_mm": 0.401, "turn_deg": 0.003}),
     ({"detector_offset": {"columns_px": 0.02}}, {"y_mm": -0.2}),
-    ({"motion": {"x_mm_per_s": 1.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0, "slowing": 0.0}}, {"x_mm": 0.402}),
+    ({"motion": load("motion").values({"x_mm_per_s": 1.0})}, {"x_mm": 0.402}),
 )
 
 

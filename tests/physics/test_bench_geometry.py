@@ -100,11 +100,14 @@ def test_detector_row_offset():
     np.testing.assert_allclose(found({"detector_row_offset": {"rows_mm": 3.0}}), upright() - [[0], [3]], atol=0.015)
 
 
-@pytest.mark.parametrize("slowing", [0.0, 0.6])
-def test_drifting_source(slowing):
+@pytest.mark.parametrize("slowed", [0.0, 0.6])
+def test_drifting_source(slowed):
+    """The velocity falls uniformly, by a share of 2 * slowed of its mean from the first view to the last."""
     velocity = np.array([3.0, -2.0, 8.0])
-    drift = dict(zip(("columns_mm_per_s", "rows_mm_per_s", "away_mm_per_s"), velocity, strict=True), slowing=slowing)
-    path = cumulative_trapezoid(np.linspace(1 + slowing, 1 - slowing, VIEWS), TIMES, initial=0)
+    acceleration = -2 * slowed * velocity / (TIMES[-1] - TIMES[0])
+    names = [f"{name}_mm_per_{unit}" for unit in ("s", "s2") for name in ("columns", "rows", "away")]
+    drift = dict(zip(names, [*velocity, *acceleration], strict=True))
+    path = cumulative_trapezoid(np.linspace(1 + slowed, 1 - slowed, VIEWS), TIMES, initial=0)
     path -= path.mean()
     there = upright(source=velocity[:, None] * path)
     assert np.abs(there - upright()).max(axis=1).min() > 0.3

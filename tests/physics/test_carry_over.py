@@ -28,7 +28,7 @@ from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.simulation.acquire import acquire
 
 RADIUS, PLACE, MU = 80.0, np.array([12.0, -7.0]), attenuation_per_mm("water", [DISC_ENERGY_KEV])[0]
-MOVED = {"x_mm_per_s": 1.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0, "slowing": 0.0}
+MOVED = load("motion").values({"x_mm_per_s": 1.0})
 STEPS = 400  # of a view's interval
 
 
@@ -247,7 +247,7 @@ def test_effects_that_need_unknown_times_are_no_candidates():
         with pytest.raises(InputError, match="the time between views is not known"):
             chain.parameters(name)
     with pytest.raises(InputError, match="set scan.view_interval_ms or scan.rotation_time_ms"):
-        chain.state({"motion": {f"{axis}_mm_per_s": 1.0 for axis in "xyz"}})
+        chain.state({"motion": MOVED})
     (level,) = chain.parameters("dark_signal")
     assert (level.name, level.unit, level.high) == ("level_units", "of air", 0.1)
     assert chain.fixed_parameters("dark_signal") == {"drift_units_per_s": 0.0}

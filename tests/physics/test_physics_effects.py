@@ -511,7 +511,7 @@ def test_geometry_errors_move_the_shadow_of_a_disc():
         1000 * t / (500 - d)
         for t, d in ((10 + drift[0], 20), (20, -10 - drift[1]), (-10 - drift[2], -20), (-20, 10 + drift[3]))
     ]
-    moved = {"motion": {"x_mm_per_s": 3.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0, "slowing": 0.0}}
+    moved = {"motion": load("motion").values({"x_mm_per_s": 3.0})}
     np.testing.assert_allclose(centres(moved, Pose(10, 20)), right, atol=0.02)
 
 

@@ -183,7 +183,7 @@ def test_origin_of_equations():
         if name == "photon_flux":  # the imperfections have a factor, too
             continue
         assert bool(actual & set(settings)) == (name not in MODELS[SIMULATED]), (name, settings)
-    assert len(MODELS[OWN]) == 2 and {equation(name, GVXR) for name in KNOWN} == {SIMULATED, OTHER, OWN}
+    assert len(MODELS[OWN]) == 3 and {equation(name, GVXR) for name in KNOWN} == {SIMULATED, OTHER, OWN}
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.beam.materials import attenuation_per_mm as attenuation
 from virtual_phantom.physics.beam.spectra import Anode
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import load
+from virtual_phantom.physics.effect import checked, load
 from virtual_phantom.physics.scenes.shapes import NOTHING, DiscScene, ShapesScene, cylinder, ellipsoid
 from virtual_phantom.physics.state import State
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
@@ -183,7 +183,7 @@ def test_displaced_parts_are_at_their_positions(settings, geometry, centre, plai
         ({"detector_rows_mm": 3.0}, {"detector_row_offset": {"rows_mm": 3.0}}),
         (
             {"source_mm_per_s": (6.0, -3.0, 10.0)},
-            {"source_drift": {"columns_mm_per_s": 6.0, "rows_mm_per_s": -3.0, "away_mm_per_s": 10.0, "slowing": 0.0}},
+            checked({"source_drift": {"columns_mm_per_s": 6.0, "rows_mm_per_s": -3.0, "away_mm_per_s": 10.0}}),
         ),
         ({"angle_wave_deg": (1.5, -2.0)}, {"view_angle_error": {"cosine_deg": 1.5, "sine_deg": -2.0}}),
     ],

@@ -28,6 +28,7 @@ from .effect import (
     OF_AIR_PER_SCAN,
     PER_AIR_PHOTON,
     PER_SCAN,
+    PER_SCAN_SQUARED,
     PER_VIEW,
     READOUT_UNITS,
     STAGES,
@@ -153,8 +154,9 @@ class Chain:
         unit = {PHOTONS: "photons", AIR: "of air"}.get(self.readout, READOUT_UNITS)
         scan, geometry = {OF_AIR: air, PER_AIR_PHOTON: 1 / self.photons}, self.geometry
         if geometry.view_interval_ms is not None:
-            scan |= {PER_VIEW: geometry.view_interval_ms, PER_SCAN: 1 / geometry.duration_s}
-            scan[OF_AIR_PER_SCAN] = air / geometry.duration_s
+            duration = geometry.duration_s
+            scan |= {PER_VIEW: geometry.view_interval_ms, PER_SCAN: 1 / duration, PER_SCAN_SQUARED: 1 / duration**2}
+            scan[OF_AIR_PER_SCAN] = air / duration
         return tuple(
             replace(parameter.within(scan), unit=parameter.unit.replace(READOUT_UNITS, unit))
             for parameter in load(name).parameters

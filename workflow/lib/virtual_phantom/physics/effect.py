@@ -23,13 +23,13 @@ GEOMETRY, MOTION, FOCAL_SPOT = MOVING = ("geometry", "motion", "focal_spot")
 STAGES = (GEOMETRY, MOTION, "spectrum", "fluence", FOCAL_SPOT, "scatter", "crosstalk", "noise", "readout", "image")
 
 
-# Units of a parameter relative to one scan: view interval, scan time, reading in air, reading in air per scan time, and
-# 1 / photons per pixel in air.
+# Units of a parameter relative to one scan: view interval, scan time and its square, reading in air, reading in air per
+# scan time, and 1 / photons per pixel in air.
 PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
-PER_AIR_PHOTON = "1 over the photons in air"
+PER_SCAN_SQUARED, PER_AIR_PHOTON = "scan squared", "1 over the photons in air"
 READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals alone
 # Units that end the name of a parameter, such as width_mm and rows_mm_per_s.
-UNIT_AT_END = re.compile(r"(_(mm|um|deg|px|hu|ms|units))?(_per_(s|mm2?|photon))?$")
+UNIT_AT_END = re.compile(r"(_(mm|um|deg|px|hu|ms|units))?(_per_(s2?|mm2?|photon))?$")
 LENGTH = re.compile(r"\b[mu]m")  # in a unit
 LOGARITHM = 0  # value of Parameter.power: fits use the logarithm
 # Scope of a parameter: shared by all recordings of a scanner, by those of one protocol, or by none.
@@ -62,7 +62,7 @@ class Reach:
     Attributes
     ----------
     of : str
-        Unit of the range: PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
+        Unit of the range: PER_VIEW, PER_SCAN, PER_SCAN_SQUARED, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
     low, high, start : float
         Range and start of a fit.
     typical : float
@@ -112,6 +112,9 @@ class Parameter:
         Whether images change periodically with the inverse of a length, so that fits need many starts.
     field_of_view : bool
         Whether the parameter is the radius of the field of view, so that fits also start at the edge of the voxels.
+    fraction : bool
+        Whether 0 and 1 are limits of physics rather than of plausibility, so that a fit may end there. The data are
+        nearly linear in it, so fits have one start.
     title : str
         Name in texts; empty: `name` without its unit.
     """
@@ -134,6 +137,7 @@ class Parameter:
     dark: str | None = None
     periodic: bool = False
     field_of_view: bool = False
+    fraction: bool = False
     title: str = ""
 
     @property
@@ -141,11 +145,6 @@ class Parameter:
         """Name in texts, without the unit."""
         name = self.title or label(UNIT_AT_END.sub("", self.name))
         return f"kernel {name}" if self.kernel and not self.title else name
-
-    @property
-    def fraction(self) -> bool:
-        """Whether the range is that of a fraction, so that its ends are not mere limits of plausibility."""
-        return (self.low, self.high, self.unit) == (0.0, 1.0, "1")
 
     def to_variable(self, value: float) -> float:
         """Return the variable that fits use in place of a value: its power or its logarithm."""
@@ -250,12 +249,7 @@ class Effect:
     @property
     def kinematic(self) -> bool:
         """Whether the effect only moves rays or the object. Such effects have no model error."""
-        return self.stage in (GEOMETRY, MOTION) or self.all_strengths(self.moves)
-
-    def all_strengths(self, condition: Callable[[Parameter], bool]) -> bool:
-        """Return whether a condition is true for all parameters with a neutral value, and there is one."""
-        found = [condition(one) for one in self.parameters if one.neutral is not None]
-        return bool(found) and all(found)
+        return self.stage in (GEOMETRY, MOTION) or all(map(self.moves, self.parameters))
 
     @property
     def shades(self) -> bool:
@@ -463,11 +457,10 @@ def scan_parameters(name: str) -> dict[str, float | None]:
 def needs_times(name: str) -> bool:
     """Whether an effect is detectable only in scans with known times.
 
-    This is the case if all parameters with a neutral value depend on time, or if a time-dependent one has none.
+    This is the case if all parameters depend on time, or if one time-dependent parameter has no neutral value.
     """
-    effect = load(name)
-    shaped = any(one.timed and one.neutral is None for one in effect.parameters)
-    return shaped or effect.all_strengths(lambda parameter: parameter.timed)
+    parameters = load(name).parameters
+    return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)
 
 
 def needs_lengths(name: str) -> bool:

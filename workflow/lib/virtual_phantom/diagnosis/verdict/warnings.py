@@ -123,10 +123,7 @@ def effects_at_bounds(fit: Fit, model: Model) -> list[str]:
 
 
 def _at_bounds(fit: Fit, model: Model) -> list[tuple[str, Parameter, str]]:
-    """Return effect, parameter and a phrase for each parameter that the data measure and that is at its bound.
-
-    Fractions may be 0 or 1.
-    """
+    """Return effect, parameter and a phrase for each parameter that the data measure and that is at its bound."""
     found = []
     plausible = {(name, parameter.name): parameter for name in fit.effects for parameter in model.parameters(name)}
     for unknown in model.unknowns(fit.effects):

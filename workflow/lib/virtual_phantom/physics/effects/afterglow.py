@@ -67,7 +67,7 @@ EFFECT = Effect(
         # (J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624, 1999). An afterglow much shorter than the view
         # interval vanishes, and one much longer is constant.
         Parameter("time_constant_ms", "ms", "decay time T, to 1/e", 0.1, 1e5, 10.0, 10.0, None, LOGARITHM, IN_VIEWS),
-        Parameter("before", "1", BEFORE, 0.0, 1.0, 1.0, 1.0, None),
+        Parameter("before", "1", BEFORE, 0.0, 1.0, 1.0, 1.0, None, fraction=True),
     ),
     apply=apply,
 )

@@ -27,7 +27,7 @@ EFFECT = Effect(
             "share", "1", "share k' of the scintillator light that is delayed for so long", 0.0, 0.5, 0.005, 0.01
         ),
         Parameter("time_constant_ms", "ms", "decay time T', to 1/e", 1.0, 1e6, 100.0, 100.0, None, LOGARITHM, IN_VIEWS),
-        Parameter("before", "1", BEFORE, 0.0, 1.0, 1.0, 1.0, None),
+        Parameter("before", "1", BEFORE, 0.0, 1.0, 1.0, 1.0, None, fraction=True),
     ),
     apply=apply,
     beside="afterglow",

@@ -18,6 +18,8 @@ def apply(state: State, values: dict[str, float]) -> None:
     state.signal, state.air = veiled(state.signal), veiled(state.air)
 
 
+BEYOND = "signal b beyond the detector, relative to that at its edges"
+
 EFFECT = Effect(
     name="veiling_glare",
     physics="Light and fluorescence spread far within the detector, so every pixel shows a little of its wide "
@@ -32,7 +34,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("share", "1", "share g of the signal that spreads", 0.0, 0.3, 0.02, 0.03),
         Parameter("width_mm", "mm", "SD w of the spread along each axis", 5.0, 200.0, 40.0, 40.0, None, kernel=True),
-        Parameter("beyond", "1", "signal b beyond the detector, relative to its edges", 0.0, 1.0, 0.5, 0.0, None),
+        Parameter("beyond", "1", BEYOND, 0.0, 1.0, 0.5, 0.0, None, fraction=True),
     ),
     apply=apply,
 )

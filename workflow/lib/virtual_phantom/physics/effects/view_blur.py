@@ -26,7 +26,9 @@ EFFECT = Effect(
     stage="geometry",
     signature="edges are blurred along the columns, more so far from the axis; edges that move along the ray are not",
     settled_by="repeat the scan with more views per turn, or scan a wire at two distances from the axis",
-    parameters=(Parameter("duty", "1", "q: exposed share of the view interval", 0.0, 1.0, 0.5, 1.0, power=2),),
+    parameters=(
+        Parameter("duty", "1", "q: exposed share of the view interval", 0.0, 1.0, 0.5, 1.0, power=2, fraction=True),
+    ),
     needs=(CLOSE_VIEWS,),
     apply=apply,
 )
