@@ -78,14 +78,14 @@ def test_intervals_are_correct_for_data_with_model_errors(chain):
 def test_kernel_of_another_shape_shifts_parameters_by_the_counted_error(chain, monkeypatch):
     """Add as much glare of half the width: the parameters move by the error that is counted for it."""
     monkeypatch.setattr(model_error, "kernel_error", lambda parameter, share: float(parameter.kernel))
-    glare = {"veiling_glare": {"share": 0.03, "width_mm": 60.0, "beyond": 0.5}}
-    narrower = {"veiling_glare": {"share": 0.03, "width_mm": 30.0, "beyond": 0.5}}
+    glare = {"veiling_glare": {"share": 0.1, "width_mm": 60.0, "beyond": 0.5}}
+    narrower = {"veiling_glare": {"share": 0.1, "width_mm": 30.0, "beyond": 0.5}}
     wide, narrow = (chain.state(one).line_integrals() for one in (glare, narrower))
     lines = chain.state({}).line_integrals()
     fitter, without, fit = fitted(chain, 4, 0.0, glare)
     exact = {"default": 0.0, "numerical": 0.0}
     errors = errors_with_models(fitter, fit, {"veiling_glare": without}, exact).physics["veiling_glare"]
-    small = 0.02  # small share, for which the fit is linear
+    small = 0.1  # small share, for which the fit is linear
     _, _, moved = fitted(chain, 4, small * (narrow - wide), glare)
     assert np.abs(narrow - wide).max() > 0.2 * np.abs(wide - lines).max()
     for key, error in errors.items():
