@@ -146,6 +146,7 @@ class Fitter:
         given: Fit | None = None,
         from_farther: bool = True,
         final: bool = True,
+        needed: float = np.inf,
     ) -> Fit:
         """Fit all parameters of these effects and the nuisance parameters.
 
@@ -155,20 +156,22 @@ class Fitter:
             Whether a fit that has stalled is repeated from starts farther away.
         final : bool, optional
             False: the fit only serves for a comparison with others. It ends earlier and has no standard errors.
+        needed : float, optional
+            Chi-square above which such a fit does not matter, so that it ends as soon as it cannot be reached.
         """
         problem = Problem(self, effects, given)
-        found, predicted_decrease = self._solve(problem, final)
+        found, predicted_decrease = self._solve(problem, final, needed)
         if predicted_decrease > STALLED and from_farther:
-            others = [self._solve(Problem(self, effects, start), final)[0] for start in problem.farther(found)]
+            others = [self._solve(Problem(self, effects, start), final, needed)[0] for start in problem.farther(found)]
             found = min([found, *others], key=lambda fit: fit.chi_square)
         return self._with_errors(found) if final else found
 
-    def _solve(self, problem: Problem, final: bool) -> tuple[Fit, float]:
+    def _solve(self, problem: Problem, final: bool, needed: float) -> tuple[Fit, float]:
         """Return a fit, and the decrease of chi-square that its derivatives still predict; 0 if it converged."""
         point = problem.best_start()
         problem.follow(point)
         alone = JointProblem({"": problem}, {"": ""})
-        found = solve(alone, alone.recompute(point), compared=not final)
+        found = solve(alone, alone.recompute(point), compared=not final, needed=needed)
         errors = standard_errors(found.information) if final and found.information is not None else None
         return Fit.at(problem, found.point, errors, found.residuals[""]), found.predicted_decrease
 

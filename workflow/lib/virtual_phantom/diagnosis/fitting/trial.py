@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from scipy import stats
 
 from ...physics.effect import load
@@ -26,6 +27,7 @@ def trial(
     effects: tuple[str, ...],
     given: Trial | None = None,
     against: Trial | None = None,
+    needed: float = np.inf,
     final: bool = True,
 ) -> Trial:
     """Fit and score effects.
@@ -35,11 +37,11 @@ def trial(
     against : Trial, optional
         Fit without the last effect, for its p-value; None: p is 1, and a fit that stalls is not repeated from starts
         farther away. There are many alternatives, and each repetition takes minutes in a large scan.
-    final : bool, optional
-        As Fitter.fit.
+    needed, final
+        As for Fitter.fit.
     """
     start = None if given is None else given.fit
-    fit = fitter.fit(effects, start, from_farther=against is not None, final=final)
+    fit = fitter.fit(effects, start, from_farther=against is not None, final=final, needed=needed)
     p = 1.0 if against is None else effect_p_value(fitter.comparable(fit, against.fit), against.fit, effects[-1])
     return Trial(fit, fitter.score(fit), p)
 

@@ -17,6 +17,9 @@ from ..fitting.templates import SMALL, data_changes, strength, templates, varied
 # wrong by 0.1 to 25 %, because one-sided derivatives differ at the edges of a disc.
 NEAR_FIRST_ORDER, SEARCH = (0.25, 4.0), {"diff_step": 2e-3, "ftol": 1e-5, "xtol": 1e-5, "max_nfev": 8}
 
+# First-order share below which two effects that move rays or the object are different. It was 0.6 for equal effects.
+LEAST_MOVING = 0.3
+
 
 @dataclass(frozen=True)
 class Exchange:
@@ -90,7 +93,7 @@ class _Removal:
         share = max(0.0, 1 - float(left @ left) / self.square)
         plain = np.linalg.lstsq(rows.T / scale[: len(rows)], self.change, rcond=None)[0] / scale[: len(rows)]
         moving = load(self.effect).kinematic and load(name).kinematic
-        if share < least and not moving:
+        if share < (min(least, LEAST_MOVING) if moving else least):
             return None
 
         def off(times: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -32,7 +33,13 @@ class FitCache:
     def __init__(self, folder: str | Path, made_of: str, code: Callable[[str], str]):
         self.folder, self.made_of, self.code = Path(folder), made_of, code
 
-    def get(self, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None) -> Trial | None:
+    def get(
+        self,
+        effects: tuple[str, ...],
+        given: Trial | None = None,
+        against: Trial | None = None,
+        needed: float = math.inf,
+    ) -> Trial | None:
         """Return the stored trial for these arguments of `trial`; None if there is none."""
         path = self._path(effects)
         if not path.is_file():
@@ -41,14 +48,19 @@ class FitCache:
             found, of = read_trial(path)
         except InputError:  # cut short or changed
             return None
-        return found if of == self._made_of(effects, given, against) else None
+        return found if of == self._made_of(effects, given, against, needed) else None
 
     def put(
-        self, found: Trial, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None
+        self,
+        found: Trial,
+        effects: tuple[str, ...],
+        given: Trial | None = None,
+        against: Trial | None = None,
+        needed: float = math.inf,
     ) -> None:
         """Store a trial; it replaces an earlier one of the same effects."""
         try:
-            write_trial(found, self._path(effects), self._made_of(effects, given, against))
+            write_trial(found, self._path(effects), self._made_of(effects, given, against, needed))
         except InputError as error:  # a full disk does not stop the diagnosis
             LOGGER.warning("not kept: %s", error)
         except ValueError:  # JSON has no infinite numbers
@@ -57,7 +69,7 @@ class FitCache:
     def _path(self, effects: tuple[str, ...]) -> Path:
         return self.folder / f"{'+'.join(effects) or ALIGNMENT}.json"
 
-    def _made_of(self, effects, given, against) -> str:
+    def _made_of(self, effects, given, against, needed) -> str:
         begun = [None if trial is None else content_of(trial) for trial in (given, against)]
-        text = json.dumps([self.made_of, [self.code(name) for name in effects], begun])
+        text = json.dumps([self.made_of, [self.code(name) for name in effects], begun, needed])
         return hashlib.sha256(text.encode()).hexdigest()

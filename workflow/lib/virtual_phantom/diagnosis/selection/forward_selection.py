@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -322,16 +323,18 @@ class ForwardSelection:
         losses = {name: gain - filtered.gain / 2 for name, filtered in found.items()}
         close = [name for name, lost in losses.items() if lost < RULED_OUT]
         likely = list(dict.fromkeys([*worth_fitting(found, 2 * gain), *close]))
-        fitted = dict(zip(likely, fits.of([(*effects, name) for name in likely], rest), strict=True))
+        enough = max(RULED_OUT, self.tolerance(self.current))
+        needed = self.current.fit.chi_square + 2 * enough
+        fitted = dict(zip(likely, fits.of([(*effects, name) for name in likely], rest, needed), strict=True))
         losses = {name: max(lost, 0.0) for name, lost in losses.items()}
         losses |= {name: score - trial.score for name, trial in fitted.items()}
-        moving, enough = load(effect).kinematic, max(RULED_OUT, self.tolerance(self.current))
+        moving = load(effect).kinematic
         doubtful = [
             name
             for name, lost in losses.items()
             if lost >= enough and (name in fitted or (moving and load(name).kinematic))
         ]
-        for name, trial in fits.in_place(self.current, effect, doubtful).items():
+        for name, trial in fits.in_place(self.current, effect, doubtful, needed).items():
             if name not in fitted or trial.fit.chi_square < fitted[name].fit.chi_square:
                 fitted[name], losses[name] = trial, score - trial.score
         return losses, list(fitted.values())
@@ -362,7 +365,7 @@ class CandidateFits:
     screen: Callable[..., dict[str, Screened]]
     alone: Mapping[str, Screened] = field(default_factory=dict)
     singles: dict[str, Trial] = field(default_factory=dict)
-    _fitted: dict[tuple, tuple[Trial, Trial]] = field(default_factory=dict)  # start and result
+    _fitted: dict[tuple, tuple[Trial, Trial, float]] = field(default_factory=dict)  # start, result, `needed`
     _filtered: dict[int, tuple[Fit, dict[str, Screened]]] = field(default_factory=dict)
 
     def others(self, effects: tuple[str, ...], but: str | None = None) -> list[str]:
@@ -407,27 +410,33 @@ class CandidateFits:
         tasks = [((*current.fit.effects, name), current, current) for name in names]
         return dict(zip(names, self._fits(tasks), strict=True))
 
-    def of(self, sets: Sequence[tuple[str, ...]], given: Trial) -> list[Trial]:
-        """Fit sets of candidates; sets of several candidates start from the fit `given`."""
+    def of(self, sets: Sequence[tuple[str, ...]], given: Trial, needed: float = math.inf) -> list[Trial]:
+        """Fit sets of candidates, sets of several from the fit `given`; `needed` as for `trial`."""
         several = [effects for effects in sets if len(effects) > 1]
-        made = dict(zip(several, self._fits([(effects, given) for effects in several]), strict=True))
+        made = dict(zip(several, self._fits([(effects, given, None, needed) for effects in several]), strict=True))
         made |= {(name,): one for name, one in self.single([one[0] for one in sets if len(one) == 1]).items()}
         return [made[effects] if effects else self.baseline for effects in sets]
 
     def _fits(self, tasks: Sequence[tuple]) -> list[Trial]:
         """Return the fits of tasks as `trials` takes them; sets that were fitted from the same start are reused."""
         keys = [(effects, id(given)) for effects, given, *_ in tasks]  # valid while the start is kept
-        new = [(key, task) for key, task in zip(keys, tasks, strict=True) if key not in self._fitted]
-        for (key, task), made in zip(new, self.fit([task for _, task in new]), strict=True):
-            self._fitted[key] = task[1], made
+        enough = [task[3] if len(task) > 3 else math.inf for task in tasks]
+        new = [
+            (key, task, needed)
+            for key, task, needed in zip(keys, tasks, enough, strict=True)
+            if key not in self._fitted or needed > self._fitted[key][2]
+        ]
+        for (key, task, needed), made in zip(new, self.fit([task for _, task, _ in new]), strict=True):
+            self._fitted[key] = task[1], made, needed
         return [self._fitted[key][1] for key in keys]
 
-    def in_place(self, current: Trial, effect: str, others: Sequence[str]) -> dict[str, Trial]:
+    def in_place(self, current: Trial, effect: str, others: Sequence[str], needed: float) -> dict[str, Trial]:
         """Fit others in an effect's place, from settings equivalent to first order, if they share at least LIKE."""
         if not others:
             return {}
         found = exchanged(self.fitter, current.fit, effect, others, LIKE)
-        tasks = [(exchange.start.effects, replace(current, fit=exchange.start)) for exchange in found.values()]
+        starts = [replace(current, fit=exchange.start) for exchange in found.values()]
+        tasks = [(start.fit.effects, start, None, needed) for start in starts]
         return dict(zip(found, self.refit(tasks), strict=True))
 
     def gain_alone(self) -> dict[str, float]:

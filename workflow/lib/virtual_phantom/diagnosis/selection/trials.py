@@ -27,7 +27,7 @@ def trials(
     Parameters
     ----------
     tasks : sequence of tuple
-        (effects, given, against), as `trial` takes them.
+        (effects, given, against, needed), as `trial` takes them; all but the first are optional.
     processes : int, optional
         Maximum number of processes.
     kept : FitCache, optional
