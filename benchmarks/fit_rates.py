@@ -19,7 +19,6 @@ from virtual_phantom.config.plan import Plan
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.costs.jobs import study_jobs
 from virtual_phantom.study.costs.rates import fit, read_rates, seconds
-from virtual_phantom.study.costs.table import roi_count
 
 # Units of the rates per stage; other stages have seconds per job.
 STAGE_UNITS = {
@@ -72,7 +71,7 @@ def run(options):
     results = Path(config.results_dir)
     times = {output: one["endtime"] - one["starttime"] for output, one in records(options.folder).items()}
     timed, amounts, found = [], defaultdict(float), defaultdict(float)
-    for job in study_jobs(plan, "cpu", roi_count(config.phantom)):
+    for job in study_jobs(plan, "cpu", len(plan.tissue_classes)):
         files = [options.folder / results / output for output in job.outputs]
         if str(results / job.outputs[0]) in times and all(file.exists() for file in files):
             timed.append((job, times[str(results / job.outputs[0])]))
