@@ -71,7 +71,7 @@ def measure_table(
     if x.shape[2] < 2:
         x = x.swapaxes(2, 3)
     missing = np.full(len(features), np.nan)
-    agreement = consistency = agreement_measures.Icc(missing, missing, missing)
+    agreement = consistency = agreement_measures.Estimate(missing, missing, missing)
     concordance = missing
     if x.shape[1] > 1:
         agreement, consistency = agreement_measures.icc_agreement(x), agreement_measures.icc_consistency(x)
