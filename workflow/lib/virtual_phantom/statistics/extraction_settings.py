@@ -120,8 +120,7 @@ def settings_table(tables: Mapping[str, pd.DataFrame], **options) -> pd.DataFram
         rows.loc[undefined[name], list(RESULTS)] = np.nan
         parts.append(rows)
     table = pd.concat(parts, ignore_index=True)
-    order = {feature: index for index, feature in enumerate(features)}
-    table = table.sort_values("feature", key=lambda names: names.map(order), kind="stable", ignore_index=True)
+    table = table.sort_values("feature", key=pd.Index(features).get_indexer, kind="stable", ignore_index=True)
     best = np.zeros(len(table), dtype=bool)
     for _, rows in table.groupby("feature", sort=False):
         if rows["robustness"].notna().any():
@@ -199,8 +198,8 @@ def wide_table(table: pd.DataFrame) -> pd.DataFrame:
     features = [n for n, rows in groups if rows["setting"].nunique() == settings and rows["value"].notna().all()]
     keys = ["setting", "protocol", "noise", "seed", "roi", "tissue_class"]
     wide = table.pivot(index=keys, columns="feature", values="value")[features].reset_index()
-    order = {roi: place for place, roi in enumerate(table["roi"].unique())}
-    return wide.sort_values("roi", key=lambda names: names.map(order), kind="stable", ignore_index=True)
+    rois = pd.Index(table["roi"].unique())
+    return wide.sort_values("roi", key=rois.get_indexer, kind="stable", ignore_index=True)
 
 
 def _without_each(x: np.ndarray) -> np.ndarray:

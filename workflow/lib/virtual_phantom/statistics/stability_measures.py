@@ -100,9 +100,8 @@ def measure_table(
         )
         for measure, (value, low, high) in values.items()
     ]
-    order = {feature: index for index, feature in enumerate(features)}
     # A stable sort keeps the order of measures within a feature.
-    return pd.concat(parts).sort_values("feature", key=lambda names: names.map(order), kind="stable", ignore_index=True)
+    return pd.concat(parts).sort_values("feature", key=pd.Index(features).get_indexer, kind="stable", ignore_index=True)
 
 
 def stable_by_feature(measured: pd.DataFrame) -> pd.DataFrame:
