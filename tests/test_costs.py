@@ -8,6 +8,7 @@ import pytest
 import yaml
 from test_config import DEFAULT, changed
 
+from benchmarks.fit_rates import fit
 from benchmarks.sirt_rates import CASES, sized
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
@@ -15,7 +16,7 @@ from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.study.costs.jobs import Job, Sizes, study_jobs
-from virtual_phantom.study.costs.rates import fit, read_rates, seconds, written_bytes
+from virtual_phantom.study.costs.rates import read_rates, seconds, written_bytes
 from virtual_phantom.study.costs.table import cost_summary
 
 ROOT = Path(__file__).resolve().parents[1]
