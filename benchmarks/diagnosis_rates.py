@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 
 from benchmarks import THREAD_VARIABLES, common
-from benchmarks.fit_rates import RATES, write
+from benchmarks.fit_rates import RATES, fit_parts, write
 from virtual_phantom.api.simulated import draw_phantom
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.settings import MaterialSettings, from_mapping, to_mapping
@@ -44,7 +44,7 @@ from virtual_phantom.recordings.importers.study import scan_section
 from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.report.diagnosis import diagnosis_page, residual_maps
 from virtual_phantom.study.costs.diagnoses import STAGE, Extent, extent, material_count
-from virtual_phantom.study.costs.rates import fit_parts, read_rates
+from virtual_phantom.study.costs.rates import read_rates
 from virtual_phantom.study.progress.status import duration_range
 
 PHOTONS, REPEATS = 1e5, 4

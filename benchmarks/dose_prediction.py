@@ -32,7 +32,7 @@ from virtual_phantom.image_model.region import Blur, RegionModel
 from virtual_phantom.image_model.scanner import ImageScanner, features_of
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.phantom.texture import Component, Texture
-from virtual_phantom.statistics import measured, roi_profiles
+from virtual_phantom.statistics import measured
 
 SEED = 51
 SPACING = (1.0, 0.684, 0.684)  # mm, of the dose series
@@ -248,13 +248,13 @@ def shares(predicted: dict, real: dict) -> pd.DataFrame:
 
 
 def order(predicted: dict, real: dict, name: str, dose: int) -> pd.Series:
-    """Spearman's coefficient over the regions between predicted and measured values, by feature."""
+    """Spearman's coefficient over the regions between predicted and measured values, by feature; 0 for constants."""
     rois = sorted({roi for roi, _, _ in real})
-    tables = [
-        pd.DataFrame([(values[roi, name, dose]) for roi in rois], index=rois)
+    ranks, measured_ranks = (
+        pd.DataFrame([(values[roi, name, dose]) for roi in rois], index=rois).rank()
         for values in (predicted, {key: known.mean for key, known in real.items()})
-    ]
-    return roi_profiles.compare_profiles(*tables).set_index("feature")["order"]
+    )
+    return ranks.corrwith(measured_ranks).fillna(0)
 
 
 def forecast(scanner, models, regions, real, stream, doses=(6, 14), realizations: int = 24) -> pd.DataFrame:

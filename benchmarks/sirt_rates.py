@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks import common
-from benchmarks.fit_rates import RATES, write
+from benchmarks.fit_rates import RATES, fit, write
 from virtual_phantom.base.geometry import grid_of, scan_geometry
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction.sirt import SirtUpdate
 from virtual_phantom.study.costs.jobs import Job, Sizes, sirt_updates
-from virtual_phantom.study.costs.rates import fit, read_rates, seconds
+from virtual_phantom.study.costs.rates import read_rates, seconds
 
 ONE_THREAD = True
 STAGE = "reconstruct_sirt_voxel"

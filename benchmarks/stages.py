@@ -18,7 +18,6 @@ from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.figures import style
 from virtual_phantom.study.costs.jobs import study_jobs
-from virtual_phantom.study.costs.table import roi_count
 
 # Displayed stage: stages of costs.jobs, in the order of the work.
 SHOWN = {
@@ -51,7 +50,8 @@ def spans(folder, config):
     timed = benchmarked(folder / results / "logs")
     kinds = {stage: shown for shown, stages in SHOWN.items() for stage in stages}
     found, missing = [], []
-    for job in study_jobs(Plan(config), "cpu", roi_count(config.phantom)):
+    plan = Plan(config)
+    for job in study_jobs(plan, "cpu", len(plan.tissue_classes)):
         record = noted.get(str(results / job.outputs[0]))
         if record is None:
             missing.append(job.outputs[0])

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from test_config import DEFAULT, changed
 
+from benchmarks.fit_rates import fit
 from benchmarks.sirt_rates import CASES, sized
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
@@ -15,8 +16,8 @@ from virtual_phantom.config.config import read_study
 from virtual_phantom.config.plan import Plan
 from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.study.costs.jobs import Job, Sizes, study_jobs
-from virtual_phantom.study.costs.rates import fit, read_rates, seconds, written_bytes
-from virtual_phantom.study.costs.table import cost_summary, roi_count
+from virtual_phantom.study.costs.rates import read_rates, seconds, written_bytes
+from virtual_phantom.study.costs.table import cost_summary
 
 ROOT = Path(__file__).resolve().parents[1]
 RATES = RESOURCES / "rates.yaml"
@@ -24,7 +25,7 @@ RATES = RESOURCES / "rates.yaml"
 
 def jobs_of(config, engine="cpu"):
     plan = Plan(read_study(config))
-    return study_jobs(plan, engine, roi_count(plan.study.phantom))
+    return study_jobs(plan, engine, len(plan.tissue_classes))
 
 
 def totals(jobs, stage):
@@ -206,9 +207,9 @@ def test_broken_file_of_rates_is_named(text, message, tmp_path):
 
 def test_regions_cut_into_parts_are_counted_separately():
     ct = {"image": "ct.nii.gz", "rois": [{"name": "a", "tissue_class": "b", "file": "m.nii.gz", "parts": 3}]}
-    config = changed("phantom", {"source": "ct", "ct": ct | {"rois": ct["rois"] * 2}})
+    config = changed("phantom", {"source": "ct", "ct": ct})
     config["measured"] = {"overlay": False}
-    assert roi_count(read_study(config).phantom) == 6
+    assert len(Plan(read_study(config)).tissue_classes) == 3
 
 
 def test_file_of_rates_states_its_measurement():

@@ -115,7 +115,7 @@ def made(results, *, config=CONFIG, names=TABLES, diagnoses=True, figures=("rois
         study.ReportFigure(results / "figures" / f"{name}.png", *sections[name], results / "rois.rst", {}, {})
         for name in figures
     ]
-    tables = [index.LinkedTable(name.title(), results / f"{name}.csv") for name in names]
+    tables = [(name.title(), results / f"{name}.csv") for name in names]
     reports = [results / "diagnosis" / "disc" / "report.html"] if diagnoses else []
     return index.index_page(results, figures, tables, reports, config, COMMANDS, pairs=setting_pairs())
 
@@ -175,7 +175,7 @@ def test_extraction_settings_are_shown_but_do_not_count(page, results, tmp_path)
     extracted = {name: rows.drop(columns="setting") for name, rows in extracted_table().groupby("setting")}
     for name, frame in zip(("extraction", *names), (long_table(extracted, {}), trust, ALL), strict=True):
         frame.to_csv(tmp_path / f"{name}.csv", index=False)
-    tables = [index.LinkedTable(name, tmp_path / f"{name}.csv") for name in names]
+    tables = [(name, tmp_path / f"{name}.csv") for name in names]
     pairs = [*setting_pairs(), *extraction_pairs()]
     changed = index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS, pairs=pairs)
     sentence = "Extraction settings are in the map and do not count for “robust”, because you choose them once."
@@ -217,7 +217,7 @@ def test_study_without_two_rois_of_a_class_has_no_such_control(tmp_path):
     alone.loc[same, "meaning"] = "Not possible: no tissue class has two ROIs."
     alone.to_csv(tmp_path / "controls.csv", index=False)
     TRUST.to_csv(tmp_path / "trust.csv", index=False)
-    tables = [index.LinkedTable(name, tmp_path / f"{name}.csv") for name in ("trust", "controls")]
+    tables = [(name, tmp_path / f"{name}.csv") for name in ("trust", "controls")]
     page_words = text(index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS))
     assert "(no control of one tissue class; by chance:" in page_words
     assert "Pairs of one class: Not possible: no tissue class has two ROIs." in page_words
@@ -315,9 +315,7 @@ def test_trial_is_labeled(page, results):
 
 def test_study_without_groups_has_a_page(results, tmp_path):
     SMALL.to_csv(tmp_path / "features.csv", index=False)
-    page = index.index_page(
-        tmp_path, [], [index.LinkedTable("features", tmp_path / "features.csv")], [], CONFIG, COMMANDS
-    )
+    page = index.index_page(tmp_path, [], [("features", tmp_path / "features.csv")], [], CONFIG, COMMANDS)
     assert "no <code>analyses.stability</code>" in page and "cyst_2 has 24 voxels" in page
     assert "repeats per group" not in page and "vegaEmbed" not in page
 

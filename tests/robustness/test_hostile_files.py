@@ -17,8 +17,9 @@ from benchmarks import fuzz_dicom
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.phantom.ct import read_hu
+from virtual_phantom.phantom.dicom_series import find_series
 from virtual_phantom.phantom.masks import open_regions
-from virtual_phantom.recordings.provenance import dicom_facts
+from virtual_phantom.recordings.provenance import series_facts
 from virtual_phantom.recordings.reading import load_recording
 
 HEADER = 348  # bytes, of NIfTI-1
@@ -70,7 +71,7 @@ TAGS += ["BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation", "Gantr
 
 
 def read(folder):
-    image, facts = read_hu(folder), dicom_facts(folder)
+    image, facts = read_hu(folder), series_facts(find_series(folder))
     assert np.isfinite(image.array).all()
     return image, facts
 

@@ -6,6 +6,7 @@ import pytest
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.statistics import extraction_settings
+from virtual_phantom.statistics.changes import fisher, jackknife_interval
 from virtual_phantom.statistics.extraction_settings import choice_table, long_table, settings_table, wide_table
 
 FEATURE, OTHER = "original_firstorder_Mean", "original_glcm_Idn"
@@ -116,7 +117,8 @@ def test_intervals_cover_the_true_change(rois):
     rng = np.random.default_rng(7)
     regions, noise = rng.normal(0, 1, (1000, rois, 1, 1)), rng.normal(0, 1, (2, 1000, rois, 4, 1))
     settings = regions + noise[0], regions + 0.5 * noise[1]  # ICC 1 / 2 and 1 / 1.25
-    found = extraction_settings.z_change(*map(extraction_settings._without_each, settings))
+    before, after = (fisher(extraction_settings._without_each(setting)) for setting in settings)
+    found = jackknife_interval(after - before)
     true = np.arctanh(1 / 1.25) - np.arctanh(1 / 2)
     held = (found.low <= true) & (true <= found.high)
     assert 0.93 < held.mean() < 0.97

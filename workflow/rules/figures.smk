@@ -1,3 +1,5 @@
+from virtual_phantom.config.outputs import PCA
+
 selections = context.selections
 
 
@@ -164,7 +166,7 @@ rule figure_overlap:
         "../scripts/figures/overlap.py"
 
 
-for name in selections.shown_components:
+for name in PCA:
 
     rule:
         name:

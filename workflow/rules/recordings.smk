@@ -57,7 +57,7 @@ rule recordings:
         mem_mb=500,
         runtime=5,
     params:
-        names=recordings.names,
+        names=list(recordings.documents),
         code=code("recordings.py"),
     script:
         "../scripts/recordings.py"

@@ -25,7 +25,7 @@ def main(
 ) -> None:
     target = Path(output)
     figures = study.report_figures(figure_files, caption_files, figure_titles)
-    tables = [index.LinkedTable(title, Path(path)) for title, path in zip(table_titles, table_files, strict=True)]
+    tables = list(zip(table_titles, map(Path, table_files), strict=True))
     diagnoses = [Path(path) for path in reports if Path(path).exists()]
     existing = {title: address for title, address in other_pages.items() if (target.parent / address).exists()}
     html = index.index_page(target.parent, figures, tables, diagnoses, config, commands, existing, pairs, impossible)

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from virtual_phantom import phantom
-from virtual_phantom.base.errors import InputError
 from virtual_phantom.io import files, volumes
 from virtual_phantom.statistics import noise
 from virtual_phantom.study.job import job, log
@@ -22,16 +21,13 @@ def main(
     acquisition_settings: Sequence[Mapping],
 ) -> None:
     acquisitions = pd.DataFrame(list(acquisition_settings))
-    paths = list(image_files)
-    if len(paths) != len(acquisitions):
-        raise InputError(f"noise calibration: {len(paths)} images for {len(acquisitions)} acquisitions")
     tables, masks = dict(zip(protocols, roi_files, strict=True)), {}
     parts = []
     for (protocol, label, level), rows in acquisitions.groupby(KEYS, sort=False):
         if protocol not in masks:
-            grid = volumes.read_nifti(paths[rows.index[0]]).grid
+            grid = volumes.read_nifti(image_files[rows.index[0]]).grid
             masks = {protocol: phantom.read_masks(tables[protocol], grid)[1]}
-        images = (volumes.read_nifti(paths[index]).array for index in rows.index)
+        images = (volumes.read_nifti(image_files[index]).array for index in rows.index)
         part = noise.repeat_variance(images, masks[protocol], name=f"noise calibration, {protocol}, noise {label}")
         parts.append(part.assign(protocol=protocol, noise=label, noise_level=level))
     table = pd.concat(parts).sort_values(["protocol", "noise_level"], kind="stable")

@@ -73,7 +73,7 @@ def _slice(line_integrals, geometry, angles):
 
 
 @style.styled()
-def draw_images(image: Volume, title: str, window: tuple[float, float] = (-160.0, 240.0)) -> Figure:
+def draw_images(image: Volume, title: str) -> Figure:
     """Draw the middle axial and coronal slices of an image (HU); titles begin with `title`."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 92)
     axes = figure.subplots(1, 2)
@@ -85,7 +85,7 @@ def draw_images(image: Volume, title: str, window: tuple[float, float] = (-160.0
     )
     for panel, (name, slice_hu, (across, up), (horizontal, vertical)) in zip(axes, views, strict=True):
         box = (-across / 2, across / 2, -up / 2, up / 2)
-        shown = panel.imshow(slice_hu, extent=box, origin="lower", cmap="gray", vmin=window[0], vmax=window[1])
+        shown = panel.imshow(slice_hu, extent=box, origin="lower", cmap="gray", vmin=-160, vmax=240)
         panel.invert_xaxis()  # radiological orientation: x increases to the patient's right, on the left
         panel.set(xlabel=f"{horizontal} from the center (mm)", ylabel=f"{vertical} from the center (mm)")
         panel.set_title(f"{title}: {name}")

@@ -11,11 +11,12 @@ from ..base.geometry import Grid, OrbitGeometry
 from ..io.volumes import LARGEST_TILT, Volume
 from ..phantom import Roi
 from ..phantom.ct import draw_entry, read_hu
+from ..phantom.dicom_series import find_series
 from ..phantom.plausibility import BELOW_AIR_HU, has_air
 from ..phantom.regions import GRID_TOLERANCE_MM
 from ..phantom.rois import read_roi_entries
 from .document import Document
-from .provenance import check_nominal, check_shared, checksums, dicom_facts
+from .provenance import check_nominal, check_shared, checksums, series_facts
 from .recording import Provenance, Recording, Repeats
 from .scan import SIZE, check_lengths, missing_for_geometry, scan_geometry
 
@@ -70,13 +71,13 @@ def load_images(document: Document) -> ImagesRecording:
         if not has_air(image.array):
             notes.append(f"{document.relative(path)}: contains no air (-1000 HU), so its CT numbers cannot be checked")
         if path.is_dir():
-            facts[path] = dicom_facts(path)
+            facts[path] = series_facts(find_series(path))
     if lines:
         raise InputErrors(lines)
-    for path, series_facts in facts.items():
+    for path, of_series in facts.items():
         first_dicom = next(iter(facts))
-        check_shared(series_facts, facts[first_dicom], path, first_dicom)
-        check_nominal(series_facts, document.content["nominal"], document.path)
+        check_shared(of_series, facts[first_dicom], path, first_dicom)
+        check_nominal(of_series, document.content["nominal"], document.path)
     _rois(document, grid)  # checks the ROIs now; ImagesRecording.rois draws them again when needed
     provenance = Provenance(document.content["origin"], checksums(document), next(iter(facts.values()), {}))
     repeats, held_out = Repeats(document.repeats, read_one), Repeats(document.held_out, read_one)

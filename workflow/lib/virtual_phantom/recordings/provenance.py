@@ -7,17 +7,18 @@ from pathlib import Path
 
 from ..base.errors import InputError
 from ..io.files import files_of, sha256
-from ..phantom.dicom_series import Series, find_series
+from ..phantom.dicom_series import Series
 from .document import Document
 
 # Only these attributes are copied from DICOM headers (PS3.3 C.7.5.1, C.7.6.2 and C.8.2.1): no patient data.
-TEXTS = {"manufacturer": "Manufacturer", "model": "ManufacturerModelName"}
+TEXTS = {"manufacturer": "Manufacturer", "model": "ManufacturerModelName", "kernel": "ConvolutionKernel"}
 NUMBERS = {
     "tube_kvp": "KVP",
     "slice_thickness_mm": "SliceThickness",
     "source_to_detector_mm": "DistanceSourceToDetector",
     "source_to_isocentre_mm": "DistanceSourceToPatient",
     "pitch": "SpiralPitchFactor",
+    "spacing_mm": "PixelSpacing",
 }
 # Tube current modulation changes these from slice to slice; the mean is used.
 MEANS = {"tube_current_ma": "XRayTubeCurrent", "mas": "Exposure", "dose_mgy": "CTDIvol"}
@@ -43,11 +44,6 @@ def checksums(document: Document) -> dict[str, str | list[str]]:
     return found
 
 
-def dicom_facts(folder: Path) -> dict[str, str | float | list[float]]:
-    """Return scan facts from the headers of the one series in a folder, as `series_facts`."""
-    return series_facts(find_series(folder))
-
-
 def series_facts(series: Series) -> dict[str, str | float | list[float]]:
     """Return scan facts from the headers of one series.
 
@@ -63,7 +59,7 @@ def series_facts(series: Series) -> dict[str, str | float | list[float]]:
         If an attribute has an invalid value, or the slices disagree on an attribute that is constant in one scan.
     """
     facts: dict = {}
-    for name, keyword in {**TEXTS, "kernel": "ConvolutionKernel"}.items():
+    for name, keyword in TEXTS.items():
         # A kernel may be a name and a strength, ['Br38f', '3'].
         values = {header.text(keyword) for header in series.slices if header.has(keyword)}
         for text in values:
@@ -73,7 +69,7 @@ def series_facts(series: Series) -> dict[str, str | float | list[float]]:
             _disagree(series, keyword, sorted(values))
         if values:
             facts[name] = values.pop()
-    for name, keyword in {**NUMBERS, "spacing_mm": "PixelSpacing"}.items():
+    for name, keyword in NUMBERS.items():
         count = 2 if name == "spacing_mm" else 1
         values = [header.numbers(keyword, count) for header in series.slices if header.has(keyword)]
         for other in values[1:]:
@@ -102,7 +98,7 @@ def _same(first: object, second: object) -> bool:
 
 
 def check_shared(facts: dict, first: dict, path: Path, first_path: Path) -> None:
-    """Check that the `dicom_facts` of two series (folders `path` and `first_path`) agree in SHARED.
+    """Check that the `series_facts` of two series (folders `path` and `first_path`) agree in SHARED.
 
     Raises
     ------
@@ -118,7 +114,7 @@ def check_shared(facts: dict, first: dict, path: Path, first_path: Path) -> None
 
 
 def check_nominal(facts: dict, nominal: dict, source: Path) -> None:
-    """Check that `nominal` of recording.yaml (path `source`) and the `dicom_facts` agree in SHARED.
+    """Check that `nominal` of recording.yaml (path `source`) and the `series_facts` agree in SHARED.
 
     Raises
     ------

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ..base.errors import InputError
-from ..features.names import is_feature
+from ..features.names import features_of
 from ..features.settings import COLUMNS
 from ..features.table_files import DIAGNOSTICS
 
@@ -97,7 +97,7 @@ def _advice(table: pd.DataFrame) -> str:
 def _check_extracted(table: pd.DataFrame, image: str, source: str) -> None:
     if table.empty:
         raise InputError(f"{source}: has no rows below its header; use the table that pyradiomics wrote")
-    features = [name for name in table.columns if is_feature(name)]
+    features = features_of(table)
     if not features:
         raise InputError(f"{source}: has no columns of features; use the table that pyradiomics wrote")
     empty = table[features].isna().all(axis=1).to_numpy()

@@ -37,7 +37,7 @@ class Provenance:
     sha256 : dict of str to str or list of str
         Checksums by file (provenance.checksums).
     dicom : dict
-        Scan facts from the headers of the first repeat (provenance.dicom_facts); empty without DICOM files.
+        Scan facts from the headers of the first repeat (provenance.series_facts); empty without DICOM files.
     """
 
     origin: dict

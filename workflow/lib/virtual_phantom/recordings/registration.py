@@ -276,16 +276,16 @@ class Search:
 
         The first of two passes improves the alignment, so that the second can exclude the table more precisely.
         """
-        first_pass = refine(self.exclude_table(self.finest, start), start)
-        return refine(self.exclude_table(self.finest, first_pass), first_pass, last=True)
+        first_pass = refine(self.exclude_table(start), start)
+        return refine(self.exclude_table(first_pass), first_pass, last=True)
 
-    def exclude_table(self, level: Level, transform: sitk.Transform) -> Level:
-        """Return the level without those parts of the rim where the recording contains foreign matter.
+    def exclude_table(self, transform: sitk.Transform) -> Level:
+        """Return the finest level without those parts of the rim where the recording contains foreign matter.
 
         Foreign matter extends more than FAR_MM from the body. Matter only near its surface is the body itself, not yet
         aligned.
         """
-        array, region = level.arrays
+        level, region = self.finest, self.finest.arrays[1]
         spacing = level.phantom.GetSpacing()[::-1]
         body = coarsen_mask(self.body, self.phantom.grid, self.coarse / 4, HALF_COVERED)[0] != 0
         distance = ndimage.distance_transform_edt(~body, sampling=spacing)

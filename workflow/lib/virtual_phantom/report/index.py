@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -36,18 +35,10 @@ MOST_STABLE = ("ci95_low", "stable_by", "stability_percent")
 FEW_REPEATS = 5  # with so few repeats, |W| exceeds 2 only if nearly all values of two groups are ordered
 
 
-@dataclass(frozen=True)
-class LinkedTable:
-    """A table that the page links to."""
-
-    title: str
-    path: Path
-
-
 def index_page(
     folder: Path,
     figures: Sequence[ReportFigure],
-    tables: Sequence[LinkedTable],
+    tables: Sequence[tuple[str, Path]],
     diagnoses: Sequence[Path],
     config: Mapping,
     commands: Mapping[str, str],
@@ -61,9 +52,9 @@ def index_page(
     ----------
     folder : Path
         Folder of the results and of the page.
-    tables : sequence of LinkedTable
-        CSV files. The page summarizes trust.csv, controls.csv, features.csv and the tables of comparisons, if they are
-        present.
+    tables : sequence of (str, Path)
+        Titles and CSV files. The page summarizes trust.csv, controls.csv, features.csv and the tables of comparisons,
+        if they are present.
     diagnoses : sequence of Path
         Reports, each next to its diagnosis.json.
     config : mapping
@@ -78,8 +69,8 @@ def index_page(
     impossible : sequence of str, optional
         A sentence for each requested analysis that the study does not allow.
     """
-    frames = {table.path.stem: read_csv(table.path) for table in tables}
-    addresses = {table.path.stem: relative(table.path, folder) for table in tables}
+    frames = {path.stem: read_csv(path) for _, path in tables}
+    addresses = {path.stem: relative(path, folder) for _, path in tables}
     trust, features = frames.get("trust"), frames.get("features")
     sections: dict[str, list] = {}
     comparisons = {}
@@ -122,8 +113,8 @@ def index_page(
         warnings=[] if features is None else study_warnings(features, trust),
         sections=sections,
         tables=[
-            {"title": table.title, "path": relative(table.path, folder), "rows": len(frame), "first": first_rows(frame)}
-            for table, frame in zip(tables, frames.values(), strict=True)
+            {"title": title, "path": relative(path, folder), "rows": len(frame), "first": first_rows(frame)}
+            for (title, path), frame in zip(tables, frames.values(), strict=True)
         ],
         commands=commands,
         other_pages=other_pages or {},

@@ -24,8 +24,8 @@ ROUNDING = 1e-12  # a sum of squares below this share of the sum of squared valu
 
 
 @dataclass(frozen=True)
-class Icc:
-    """Intraclass correlation of each feature with its 95 % interval; NaN where nothing varies."""
+class Estimate:
+    """Values of a measure with their 95 % intervals, shape (features,); NaN if not defined."""
 
     value: np.ndarray
     low: np.ndarray
@@ -66,7 +66,7 @@ def icc_agreement_value(x: np.ndarray) -> np.ndarray:
         return (msr - mse) / (msr + (k - 1) * mse + k * (msc - mse) / n)
 
 
-def icc_agreement(x: np.ndarray) -> Icc:
+def icc_agreement(x: np.ndarray) -> Estimate:
     """ICC(2,1) of Shrout and Fleiss, ICC(A,1) of McGraw and Wong: random subjects and conditions, absolute agreement.
 
     (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n). The interval is from McGraw and Wong, Table 7. It uses
@@ -86,7 +86,7 @@ def icc_agreement(x: np.ndarray) -> Icc:
     return _perfect_agreement(value, low, high)
 
 
-def icc_consistency(x: np.ndarray) -> Icc:
+def icc_consistency(x: np.ndarray) -> Estimate:
     """ICC(3,1) of Shrout and Fleiss, ICC(C,1) of McGraw and Wong: fixed conditions, whose mean shifts do not count.
 
     (MSR - MSE) / (MSR + (k - 1) MSE). The interval is the exact F interval of McGraw and Wong, Table 7.
@@ -103,10 +103,10 @@ def icc_consistency(x: np.ndarray) -> Icc:
     return _perfect_agreement(value, low, high)
 
 
-def _perfect_agreement(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> Icc:
+def _perfect_agreement(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> Estimate:
     """Set both limits to 1 where agreement is perfect, because the residual in their denominators is zero there."""
     perfect = value == 1
-    return Icc(value, np.where(perfect, 1.0, low), np.where(perfect, 1.0, high))
+    return Estimate(value, np.where(perfect, 1.0, low), np.where(perfect, 1.0, high))
 
 
 def concordance(x: np.ndarray) -> np.ndarray:

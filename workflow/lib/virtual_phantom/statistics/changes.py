@@ -35,7 +35,7 @@ import scipy
 
 from ..base.streams import generator, root
 from . import RANKSUM_REPEATS
-from .agreement_measures import CONFIDENCE
+from .agreement_measures import CONFIDENCE, Estimate
 from .jackknife import standard_error
 from .rank_sum import stable_probability
 from .wilcoxon import ranksum_z
@@ -71,15 +71,6 @@ class Change:
     a: np.ndarray
     b: np.ndarray
     relation: str = "independent"
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Values of a measure with their 95 % intervals, shape (features,); NaN if not defined."""
-
-    value: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
 
 
 @dataclass(frozen=True)

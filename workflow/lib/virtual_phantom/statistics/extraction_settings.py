@@ -17,7 +17,7 @@ from ..base.errors import InputError
 from ..features.names import family, features_of
 from ..features.variations import OWN
 from . import agreement_measures, wilcoxon
-from .changes import Estimate, fisher, jackknife_interval
+from .changes import fisher, jackknife_interval
 from .stability_measures import feature_array
 
 BETWEEN_CONDITIONS, BETWEEN_REPEATS, BY_RANKS = "ICC(2,1)", "ICC(2,1) between repeats", "W stability"
@@ -88,13 +88,13 @@ def settings_table(tables: Mapping[str, pd.DataFrame], **options) -> pd.DataFram
     for name, values in x.items():
         missing = np.full(len(features), np.nan)
         low = high = missing
-        z = Estimate(missing, missing, missing)
+        z = agreement_measures.Estimate(missing, missing, missing)
         robustness = scores[name]["stability_percent"].to_numpy()
         before = scores[OWN]["stability_percent"].to_numpy()
         if rois > 1:
             icc, before = agreement_measures.icc_agreement(values), own_icc[:, 0]
             robustness, low, high = icc.value, icc.low, icc.high
-            z = z_change(own_icc, _without_each(values))
+            z = jackknife_interval(fisher(_without_each(values)) - fisher(own_icc))
         power = scores[name]["discrimination_percent"]
         rows = pd.DataFrame(
             {
@@ -120,8 +120,7 @@ def settings_table(tables: Mapping[str, pd.DataFrame], **options) -> pd.DataFram
         rows.loc[undefined[name], list(RESULTS)] = np.nan
         parts.append(rows)
     table = pd.concat(parts, ignore_index=True)
-    order = {feature: index for index, feature in enumerate(features)}
-    table = table.sort_values("feature", key=lambda names: names.map(order), kind="stable", ignore_index=True)
+    table = table.sort_values("feature", key=pd.Index(features).get_indexer, kind="stable", ignore_index=True)
     best = np.zeros(len(table), dtype=bool)
     for _, rows in table.groupby("feature", sort=False):
         if rows["robustness"].notna().any():
@@ -199,19 +198,8 @@ def wide_table(table: pd.DataFrame) -> pd.DataFrame:
     features = [n for n, rows in groups if rows["setting"].nunique() == settings and rows["value"].notna().all()]
     keys = ["setting", "protocol", "noise", "seed", "roi", "tissue_class"]
     wide = table.pivot(index=keys, columns="feature", values="value")[features].reset_index()
-    order = {roi: place for place, roi in enumerate(table["roi"].unique())}
-    return wide.sort_values("roi", key=lambda names: names.map(order), kind="stable", ignore_index=True)
-
-
-def z_change(before: np.ndarray, after: np.ndarray) -> Estimate:
-    """Compute the change of Fisher's z of an ICC, with its interval.
-
-    Parameters
-    ----------
-    before, after : ndarray, shape (features, 1 + ROIs)
-        ICC of all ROIs, then without each ROI.
-    """
-    return jackknife_interval(fisher(after) - fisher(before))
+    rois = pd.Index(table["roi"].unique())
+    return wide.sort_values("roi", key=rois.get_indexer, kind="stable", ignore_index=True)
 
 
 def _without_each(x: np.ndarray) -> np.ndarray:

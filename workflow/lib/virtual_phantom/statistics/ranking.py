@@ -13,6 +13,7 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..base.streams import generator
+from .agreement_measures import CONFIDENCE
 from .repeats import sampling_fraction, sd_of_draws
 
 KINDS = ("stability", "discrimination")
@@ -157,7 +158,7 @@ def random_overlaps(given: np.ndarray, shared: np.ndarray) -> np.ndarray:
     return np.array([np.tril(given[:, order]).sum(axis=1) for order in np.argsort(-lists, axis=1)]) / lengths
 
 
-def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFrame, level: float = 0.95) -> pd.DataFrame:
+def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFrame) -> pd.DataFrame:
     """Overlap of the n best simulated and measured features, for every n (figure 5 of Flouris et al., 2022).
 
     Parameters
@@ -209,7 +210,7 @@ def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFram
         overlaps = np.array([(best * draw).sum(axis=1) for draw in draws]) / lengths
         random = random_overlaps(np.mean(draws, axis=0), shared)
         fraction = sampling_fraction(measured)
-        lower, upper = np.quantile(random, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        lower, upper = np.quantile(random, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], axis=0)
         result[f"overlap_{kind}_percent"] = 100 * overlaps.mean(axis=0)
         result[f"overlap_{kind}_sd"] = 100 * sd_of_draws(overlaps, fraction)
         result[f"expected_{kind}_percent"] = 100 * random.mean(axis=0)
@@ -217,7 +218,7 @@ def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFram
         areas[f"area_{kind}"] = overlaps.mean()
         areas[f"area_{kind}_sd"] = sd_of_draws(overlaps.mean(axis=1), fraction)
         areas[f"area_{kind}_expected"] = random.mean()
-        areas[f"area_{kind}_upper"] = np.quantile(random.mean(axis=1), (1 + level) / 2)
+        areas[f"area_{kind}_upper"] = np.quantile(random.mean(axis=1), (1 + CONFIDENCE) / 2)
     return result.assign(**areas, n_features=len(common))
 
 

@@ -124,8 +124,7 @@ def _rows_of_kinds(
 
 
 def _by_feature(found: pd.DataFrame, features: Sequence[str]) -> pd.DataFrame:
-    order = {feature: place for place, feature in enumerate(features)}
-    return found.sort_values("feature", key=lambda names: names.map(order), kind="stable", ignore_index=True)
+    return found.sort_values("feature", key=pd.Index(features).get_indexer, kind="stable", ignore_index=True)
 
 
 def with_extraction(

@@ -71,7 +71,7 @@ def measure_table(
     if x.shape[2] < 2:
         x = x.swapaxes(2, 3)
     missing = np.full(len(features), np.nan)
-    agreement = consistency = agreement_measures.Icc(missing, missing, missing)
+    agreement = consistency = agreement_measures.Estimate(missing, missing, missing)
     concordance = missing
     if x.shape[1] > 1:
         agreement, consistency = agreement_measures.icc_agreement(x), agreement_measures.icc_consistency(x)
@@ -100,9 +100,8 @@ def measure_table(
         )
         for measure, (value, low, high) in values.items()
     ]
-    order = {feature: index for index, feature in enumerate(features)}
     # A stable sort keeps the order of measures within a feature.
-    return pd.concat(parts).sort_values("feature", key=lambda names: names.map(order), kind="stable", ignore_index=True)
+    return pd.concat(parts).sort_values("feature", key=pd.Index(features).get_indexer, kind="stable", ignore_index=True)
 
 
 def stable_by_feature(measured: pd.DataFrame) -> pd.DataFrame:

@@ -42,7 +42,7 @@ def renew(pages: Pages, config: Mapping) -> Path | None:
     html = index.index_page(
         target.parent,
         study.report_figures(pictures, pages.caption_files(), pages.figures()),
-        [index.LinkedTable(title, path) for title, path in zip(pages.table_titles(), tables, strict=True)],
+        list(zip(pages.table_titles(), tables, strict=True)),
         list(map(Path, pages.diagnoses())),
         config,
         pages.commands(),

@@ -46,11 +46,6 @@ class Recordings:
         documents = {name: scans.document(folder) for name, folder in plan.study.recordings.items()}
         return cls(plan, files, documents)
 
-    @property
-    def names(self) -> list[str]:
-        """Names of all recordings."""
-        return list(self.documents)
-
     def content(self, name: str) -> dict:
         """Return the content of recording.yaml."""
         return self.documents[name].content

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from ..base.settings import to_mapping
 from ..config.dependencies import resource
-from ..config.outputs import PCA, Files
+from ..config.outputs import Files
 from ..config.plan import Plan
 from ..config.public_scans import COMPARED, made_folders
 from ..config.settings import Analyses, Conditions
@@ -172,11 +172,6 @@ class Selections:
     def study_levels(self) -> dict[str, float]:
         """Return {noise level: A} of the stability analysis if the configuration gives A."""
         return {noise: level for noise, level in self.compared_noise().items() if level is not None}
-
-    @property
-    def shown_components(self) -> tuple[str, ...]:
-        """Possible entries of analyses.pca, each with its own figure."""
-        return PCA
 
     def components(self, name: str) -> dict:
         """Return the images whose principal components a figure shows."""

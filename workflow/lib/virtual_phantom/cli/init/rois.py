@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.geometry import Grid
+from ...base.settings import RoiEntry
 from ...features import MINIMUM_VOXELS
 from ...phantom.rois import shrink
 from .regions import Region
@@ -35,10 +36,9 @@ class ChosenRegion:
     fill_gaps: bool = False
 
     @property
-    def names(self) -> list[str]:
+    def names(self) -> tuple[str, ...]:
         """Names of the ROIs."""
-        name = self.region.name
-        return [name] if self.parts == 1 else [f"{name}_{number}" for number in range(1, self.parts + 1)]
+        return RoiEntry(self.region.name, self.region.tissue_class, parts=self.parts).names
 
     def setting(self, common: str | None) -> dict:
         """Return the entry under phantom.ct.rois; `common` is the file under phantom.ct.labels."""

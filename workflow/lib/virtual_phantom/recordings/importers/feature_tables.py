@@ -57,7 +57,7 @@ def import_features(csv_file: str | Path, folder: str | Path, phantom: str | Non
 
 def _group_series(csv_file: Path) -> tuple[pd.DataFrame, dict]:
     table = measured.load_full_table(csv_file)
-    image = "scan" + table["scan"].astype(str)
+    table.insert(0, "image", "scan" + table["scan"].astype(str))
     absent = [feature for feature in FEATURES if feature not in measured.PHANTOM4RADIOMICS_FEATURES]
     content = {
         "nominal": {
@@ -76,7 +76,7 @@ def _group_series(csv_file: Path) -> tuple[pd.DataFrame, dict]:
         },
         "origin": {"citation": STUDY_CITATION, "licence": "scans CC BY 4.0; features without a license file"},
     }
-    return _image_first(table.drop(columns="scan"), image), content
+    return table.drop(columns="scan"), content
 
 
 def _dose_series(csv_file: Path) -> tuple[pd.DataFrame, dict]:
@@ -93,10 +93,5 @@ def _dose_series(csv_file: Path) -> tuple[pd.DataFrame, dict]:
         "features": {"conditions": ["dose_mgy", "reconstruction"]},
         "origin": {"citation": DOSE_CITATION, "licence": "scans CC BY 4.0; features MIT"},
     }
-    return _image_first(table, dose + "_" + table["reconstruction"] + "_" + repeat), content
-
-
-def _image_first(table: pd.DataFrame, image: pd.Series) -> pd.DataFrame:
-    table = table.copy()
-    table.insert(0, "image", image)
-    return table
+    table.insert(0, "image", dose + "_" + table["reconstruction"] + "_" + repeat)
+    return table, content

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from ...base.errors import InputError
-from ...base.settings import PhantomSettings
+from ...base.settings import PhantomSettings, RoiEntry
 from ...config.settings import Comparison, Study
 from ...recordings.document import Document
 
@@ -26,7 +26,8 @@ def roi_problems(study: Study, documents: Mapping[str, Document]) -> Iterator[st
     of_study = _classes_of_phantom(study.phantom) if compared & documents.keys() else {}
     for name in sorted(compared & documents.keys()):
         path, entries = documents[name].path, documents[name].content.get("rois", [])
-        recorded = {roi: entry["tissue_class"] for entry in entries for roi in _names(entry)}
+        described = [RoiEntry(entry["name"], entry["tissue_class"], parts=entry.get("parts", 1)) for entry in entries]
+        recorded = {roi: entry.tissue_class for entry in described for roi in entry.names}
         if not of_study or not recorded:
             continue
         common = recorded.keys() & of_study.keys()
@@ -82,8 +83,3 @@ def _classes_of_phantom(phantom: PhantomSettings) -> dict[str, str]:
         return {str(roi["name"]): str(roi["tissue_class"]) for roi in read_layout(phantom.layout)["rois"]}
     except (InputError, AttributeError, KeyError, TypeError):
         return {}
-
-
-def _names(entry: Mapping) -> tuple[str, ...]:
-    parts = entry.get("parts", 1)
-    return (entry["name"],) if parts == 1 else tuple(f"{entry['name']}_{i}" for i in range(1, parts + 1))

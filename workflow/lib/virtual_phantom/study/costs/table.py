@@ -8,32 +8,13 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from ...base.errors import InputError
-from ...base.settings import PhantomSettings
 from ...config.plan import Plan
-from ...phantom.layout import read_layout
 from ..progress.status import duration_range
 from .diagnoses import rays_text
 from .jobs import Job, study_jobs
 from .rates import seconds, written_bytes
 
 COLUMNS = ["rule", "stage", "jobs", "core_hours", "longest_job_minutes", "bytes"]
-
-
-def roi_count(phantom: PhantomSettings) -> int:
-    """Return the number of ROIs.
-
-    Raises
-    ------
-    InputError
-        For an invalid layout.
-    """
-    if phantom.source == "synthetic":
-        return len(read_layout(phantom.layout)["rois"])
-    if phantom.source == "object":
-        from ...physics.scenes.objects import read_phantom_rois  # slow import (numba)
-
-        return len(read_phantom_rois(phantom.object))
-    return sum(roi.parts for roi in phantom.ct.rois)
 
 
 def by_rule(jobs: list[Job], rates: dict) -> pd.DataFrame:
@@ -75,7 +56,7 @@ def cost_summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, di
     InputError
         If jobs have no measured rate.
     """
-    jobs = study_jobs(plan, engine, roi_count(plan.study.phantom))
+    jobs = study_jobs(plan, engine, len(plan.tissue_classes))
     table = by_rule(jobs, rates)
     missing = table[table["core_hours"].isna()].groupby("stage")["jobs"].sum()
     if len(missing):

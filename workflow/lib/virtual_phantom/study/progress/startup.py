@@ -137,7 +137,7 @@ class DryRunHandler(StartupHandler):
                     continue
                 counts[kind] += 1
                 if kind.startswith("Updated"):
-                    named.setdefault(kind, dict.fromkeys([])).update(dict.fromkeys(files.split(", ")))
+                    named.setdefault(kind, {}).update(dict.fromkeys(files.split(", ")))
         reasons = []
         for kind, count in counts.items():
             files = list(named.get(kind, ()))
