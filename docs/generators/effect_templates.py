@@ -1,7 +1,6 @@
 """Write the figures and the table of docs/explanation/theory.md: templates of effects and their correlations."""
 
 import csv
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +25,7 @@ from virtual_phantom.figures.style import label, number, save
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, applicable_effects, names
+from virtual_phantom.physics.effect import acts_on_images, applicable_effects, load, names
 from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.recordings.projections import Projections
 
@@ -147,14 +146,14 @@ def labels(found: list[Template]) -> list[str]:
     """Return the effect names, with the parameter if an effect has several templates."""
     counts = Counter(one.effect for one in found)
     return [
-        label(one.effect) if counts[one.effect] == 1 else f"{label(one.effect)}: {label(bare(one.parameter))}"
-        for one in found
+        label(one.effect) if counts[one.effect] == 1 else f"{label(one.effect)}: {_display_name(one)}" for one in found
     ]
 
 
-def bare(parameter: str) -> str:
-    """A parameter's name without its unit."""
-    return re.sub("_(mm|px|deg|units|mm_per_s|units_per_s|per_mm2?)$", "", parameter)
+def _display_name(template: Template) -> str:
+    """Return the name of a template's parameter, without its unit."""
+    (parameter,) = (one for one in load(template.effect).parameters if one.name == template.parameter)
+    return parameter.display_name
 
 
 def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:

@@ -88,7 +88,9 @@ def _source_distance(size, random):
 
 
 def _glare(size, random):
-    return {"glare_share": size, "glare_range_mm": float(random.uniform(20, 40))}, {}
+    width = float(random.uniform(20, 40))
+    # The simulated signal continues beyond the detector.
+    return {"glare_share": size, "glare_range_mm": width}, {"share": size, "width_mm": width, "beyond": 1.0}
 
 
 def _dark(size, random):
