@@ -44,7 +44,6 @@ FEW = (  # parts of few numbers: what they are, and how each is called
 )
 ACROSS, PANEL_MM, TITLE_MM = 4, 30.0, 8.0
 MOST_SHOWN = 99.5  # percentile of |values| with the full color: single pixels at edges would hide the others
-WRITTEN = 0.05  # |correlation| from which a cell shows its number
 
 
 @dataclass(frozen=True)
@@ -105,18 +104,16 @@ def draw_templates(panels: Sequence[Panel]) -> Figure:
 
 @style.styled()
 def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
-    """Draw a heat map of the correlations between templates, with numbers in hundredths from WRITTEN.
+    """Draw a heat map of the correlations between templates.
 
     Parameters
     ----------
     correlation : ndarray, shape (templates, templates)
     """
     values = pandas.DataFrame(correlation, labels, labels)
-    numbers = values.fillna(0).map(lambda value: style.number(round(100 * value)) if abs(value) >= WRITTEN else "")
     figure = style.figure(style.DOUBLE_COLUMN_MM, style.DOUBLE_COLUMN_MM * 1.08)
     axes = figure.subplots()
-    image = style.heat_map(axes, values, numbers, cmap="RdBu_r", vmin=-1, vmax=1)
-    axes.set_aspect("equal")
+    image = style.heat_map(axes, values, np.full(values.shape, ""), cmap="RdBu_r", vmin=-1, vmax=1)
     text = "correlation of templates after projection of the alignment"
     figure.colorbar(image, ax=axes, location="top", label=text, shrink=0.6, aspect=40)
     return figure
