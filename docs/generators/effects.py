@@ -7,6 +7,7 @@ from virtual_phantom.physics.effect import (
     OF_AIR,
     OF_AIR_PER_SCAN,
     PER_AIR_PHOTON,
+    PER_PIXEL,
     PER_SCAN,
     PER_SCAN_SQUARED,
     PER_VIEW,
@@ -59,6 +60,7 @@ WORDS = {
     OF_AIR: "times the reading in air",
     OF_AIR_PER_SCAN: "times the reading in air over the scan",
     PER_AIR_PHOTON: "over the photons of a pixel in air",
+    PER_PIXEL: "times the pitch of the pixels",
 }
 
 
@@ -93,7 +95,9 @@ def parameter_line(parameter: Parameter) -> str:
 
 
 def _range(low: float, high: float) -> str:
-    return "any" if math.isinf(high) else f"{low:g} to {high:g}"
+    if math.isinf(high):
+        return "any" if math.isinf(low) else f"{low:g} or more"
+    return f"{low:g} to {high:g}"
 
 
 def page() -> str:

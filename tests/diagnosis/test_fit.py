@@ -324,7 +324,7 @@ def test_stalled_fit_restarts_from_farther_away(monkeypatch):
     assert numbers == pytest.approx([max(here - 10, -10), here - 2, here + 2, min(here + 10, 10)])
     assert all(one.nuisance == stalled.nuisance for one in begun)
     ends = iter([(replace(stalled, chi_square=value), 9.0) for value in (50.0, 60.0, 40.0, 30.0, 70.0)])
-    monkeypatch.setattr(fitter, "_solve", lambda problem, final: next(ends))
+    monkeypatch.setattr(fitter, "_solve", lambda problem, final, needed: next(ends))
     assert fitter.fit(("detector_row_offset",)).chi_square == 30.0
 
 

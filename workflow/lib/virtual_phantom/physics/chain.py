@@ -27,6 +27,7 @@ from .effect import (
     OF_AIR,
     OF_AIR_PER_SCAN,
     PER_AIR_PHOTON,
+    PER_PIXEL,
     PER_SCAN,
     PER_SCAN_SQUARED,
     PER_VIEW,
@@ -152,7 +153,9 @@ class Chain:
         """
         air = self.air_reading
         unit = {PHOTONS: "photons", AIR: "of air"}.get(self.readout, READOUT_UNITS)
-        scan, geometry = {OF_AIR: air, PER_AIR_PHOTON: 1 / self.photons}, self.geometry
+        geometry = self.geometry
+        pitch = max(geometry.column_pitch_mm, geometry.row_pitch_mm if geometry.rows > 1 else 0.0)
+        scan = {OF_AIR: air, PER_AIR_PHOTON: 1 / self.photons, PER_PIXEL: pitch}
         if geometry.view_interval_ms is not None:
             duration = geometry.duration_s
             scan |= {PER_VIEW: geometry.view_interval_ms, PER_SCAN: 1 / duration, PER_SCAN_SQUARED: 1 / duration**2}

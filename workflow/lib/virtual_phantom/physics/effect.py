@@ -24,9 +24,9 @@ STAGES = (GEOMETRY, MOTION, "spectrum", "fluence", FOCAL_SPOT, "scatter", "cross
 
 
 # Units of a parameter relative to one scan: view interval, scan time and its square, reading in air, reading in air per
-# scan time, and 1 / photons per pixel in air.
+# scan time, 1 / photons per pixel in air, and the larger pitch of the pixels.
 PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
-PER_SCAN_SQUARED, PER_AIR_PHOTON = "scan squared", "1 over the photons in air"
+PER_SCAN_SQUARED, PER_AIR_PHOTON, PER_PIXEL = "scan squared", "1 over the photons in air", "pixel"
 READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals alone
 # Units that end the name of a parameter, such as width_mm and rows_mm_per_s.
 UNIT_AT_END = re.compile(r"(_(mm|um|deg|px|hu|ms|units))?(_per_(s2?|mm2?|photon))?$")
@@ -62,18 +62,18 @@ class Reach:
     Attributes
     ----------
     of : str
-        Unit of the range: PER_VIEW, PER_SCAN, PER_SCAN_SQUARED, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
-    low, high, start : float
-        Range and start of a fit.
-    typical : float
-        Typical strength.
+        Unit of the range: PER_VIEW, PER_SCAN, PER_SCAN_SQUARED, OF_AIR, OF_AIR_PER_SCAN, PER_AIR_PHOTON or PER_PIXEL.
+    low, high : float
+        Range of a fit.
+    start, typical : float or None
+        Start of a fit, and typical strength; None: those of the parameter.
     """
 
     of: str
     low: float
     high: float
-    start: float
-    typical: float
+    start: float | None = None
+    typical: float | None = None
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class Parameter:
     @property
     def timed(self) -> bool:
         """Whether the parameter can be determined only from scans with known times."""
-        return self.reach is not None and self.reach.of not in (OF_AIR, PER_AIR_PHOTON)
+        return self.reach is not None and self.reach.of not in (OF_AIR, PER_AIR_PHOTON, PER_PIXEL)
 
     def within(self, scan: Mapping[str, float]) -> Parameter:
         """Return the parameter with the range, start and typical strength of one scan.
@@ -167,7 +167,8 @@ class Parameter:
             return self
         one = scan[self.reach.of]
         low, high = max(self.low, self.reach.low * one), min(self.high, self.reach.high * one)
-        start, typical = (min(max(value * one, low), high) for value in (self.reach.start, self.reach.typical))
+        values = (self.reach.start, self.start), (self.reach.typical, self.typical)
+        start, typical = (min(max(own if value is None else value * one, low), high) for value, own in values)
         return replace(self, low=low, high=high, start=start, typical=typical)
 
 

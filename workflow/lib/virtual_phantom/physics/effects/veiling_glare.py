@@ -1,6 +1,8 @@
 """Veiling glare: light that spreads far within the detector."""
 
-from ..effect import Effect, Parameter
+import math
+
+from ..effect import PER_PIXEL, Effect, Parameter, Reach
 from ..spread import long_tailed_spread
 from ..state import State
 
@@ -18,14 +20,16 @@ def apply(state: State, values: dict[str, float]) -> None:
     state.signal, state.air = veiled(state.signal), veiled(state.air)
 
 
+WIDTH = "SD w of the spread along each axis"
+BEYOND_NEIGHBORS = Reach(PER_PIXEL, 2.0, math.inf)  # A narrower spread is crosstalk.
 BEYOND = "signal b beyond the detector, relative to that at its edges"
 
 EFFECT = Effect(
     name="veiling_glare",
     physics="Light and fluorescence spread far within the detector, so every pixel shows a little of its wide "
     "surroundings.",
-    equation="S' = (1 - g) S + g K_w * S, also in the air scan; K_w: exp(-r/w) / (2 pi w r), as a sum of Gaussians; "
-    "beyond the detector, S is b times its value at the edge; the variance is multiplied by (1 - g)^2",
+    equation="S' = (1 - g) S + g K_w * S, also in the air scan; K_w = exp(-r/w) / (2 pi w r), as a sum of Gaussians. "
+    "Beyond the detector, S is b times its value at the edge. The variance is multiplied by (1 - g)^2",
     source="J. A. Seibert, O. Nalcioglu and W. W. Roeck, Med. Phys. 11, 172 (1984)",
     stage="crosstalk",
     signature="line integrals are too low behind the object and above 0 next to it; the white field falls off at the "
@@ -33,7 +37,7 @@ EFFECT = Effect(
     settled_by="scan a lead disc: the signal behind it grows with the open field around it",
     parameters=(
         Parameter("share", "1", "share g of the signal that spreads", 0.0, 0.3, 0.02, 0.03),
-        Parameter("width_mm", "mm", "SD w of the spread along each axis", 5.0, 200.0, 40.0, 40.0, None, kernel=True),
+        Parameter("width_mm", "mm", WIDTH, 5.0, 200.0, 40.0, 40.0, None, reach=BEYOND_NEIGHBORS, kernel=True),
         Parameter("beyond", "1", BEYOND, 0.0, 1.0, 0.5, 0.0, None, fraction=True),
     ),
     apply=apply,
