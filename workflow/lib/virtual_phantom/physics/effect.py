@@ -21,8 +21,8 @@ from . import effects
 GEOMETRY, MOTION, FOCAL_SPOT = MOVING = ("geometry", "motion", "focal_spot")
 # Stages in the order in which they act.
 STAGES = (GEOMETRY, MOTION, "spectrum", "fluence", FOCAL_SPOT, "scatter", "crosstalk", "noise", "readout", "image")
-# Units of a parameter relative to one scan are the view interval, the scan time and its square. Others are the reading in
-# air, the same per scan time, 1 / photons per pixel in air, and the larger pitch of the pixels.
+# Units of a parameter relative to one scan are the view interval, the scan time and its square. Others are the reading
+# in air, the same per scan time, 1 / photons per pixel in air, and the larger pitch of the pixels.
 PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
 PER_SCAN_SQUARED, PER_AIR_PHOTON, PER_PIXEL = "scan squared", "1 over the photons in air", "pixel"
 READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals alone
