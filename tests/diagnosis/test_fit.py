@@ -328,6 +328,24 @@ def test_stalled_fit_restarts_from_farther_away(monkeypatch):
     assert fitter.fit(("detector_row_offset",)).chi_square == 30.0
 
 
+def test_fit_that_cannot_matter_ends_early(monkeypatch):
+    """A spectrum does not explain scatter: its fit ends near its minimum, far above the needed chi-square."""
+    computed, jacobian = [], Problem.jacobian
+    monkeypatch.setattr(Problem, "jacobian", lambda self, *rest: computed.append(rest) or jacobian(self, *rest))
+    fitter = fitted_to({"scatter": {"amount": 0.1, "width_mm": 60.0}})
+    aligned = fitter.fit(())
+    right = fitter.fit(("scatter",), aligned, final=False)
+    needed = right.chi_square + 20
+    found, times = {}, {}
+    for least in (np.inf, needed):
+        computed.clear()
+        found[least] = fitter.fit(("spectrum",), aligned, final=False, needed=least).chi_square
+        times[least] = len(computed)
+    assert times[needed] <= times[np.inf] / 2
+    assert needed < found[np.inf] < found[needed] < found[np.inf] + 0.01 * (found[np.inf] - needed)
+    assert fitter.fit(("scatter",), aligned, final=False, needed=needed).chi_square == right.chi_square
+
+
 def test_effects_that_move_no_rays_do_not_restart():
     fitter = fitted_to({"scatter": {"amount": 0.1, "width_mm": 60.0}})
     fit = fitter.fit(("scatter",))

@@ -321,6 +321,7 @@ def spectrum(kvp=60.0, sensor_mm=0.6):
             {},
             ["kernel width of scatter is at its upper bound, 200 mm (not stated)"],
         ),
+        ({"veiling_glare": {"share": 0.05, "width_mm": 60.0, "beyond": 1.0}}, {}, []),  # a fraction may be 1
     ],
 )
 def test_parameter_at_its_bound_is_reported_with_its_declaration(physics, known, expected):

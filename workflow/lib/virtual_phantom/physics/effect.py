@@ -111,8 +111,7 @@ class Parameter:
     field_of_view : bool
         Whether the parameter is the radius of the field of view, so that fits also start at the edge of the voxels.
     fraction : bool
-        Whether 0 and 1 are limits of physics rather than of plausibility, so that a fit may end there. The data are
-        nearly linear in it, so fits have one start.
+        Whether 0 and 1 are limits of physics rather than of plausibility, so that a fit may end there.
     title : str
         Name in texts; empty: `name` without its unit.
     """
