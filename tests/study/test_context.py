@@ -198,6 +198,7 @@ def test_expected_seconds_of_the_study_files():
     expected = context_of().expected_seconds()
     assert all(seconds > 0 for seconds in expected.values())
     assert "results/projections/views150/clean.h5" in expected and "results/features.csv" in expected
+    assert expected["results/tables/trust.csv"] > 5  # intervals of every region, not the start-up time alone
 
 
 def test_files_of_a_diagnosed_object_are_inputs_of_its_jobs(tmp_path, monkeypatch):

@@ -201,10 +201,9 @@ class Context:
         dict of str to float or tuple of 2 float
             For diagnoses, the lower and the upper end of the range.
         """
-        # The number of ROIs only affects bytes, which are not used here.
         of_study: dict[str, float | tuple[float, float]] = {
             f"{self.files.results}/{file}": takes
-            for job in study_jobs(self.plan, self.engine, rois=0)
+            for job in study_jobs(self.plan, self.engine, len(self.plan.tissue_classes))
             if (takes := seconds(job, self.rates)) is not None
             for file in job.outputs
         }
