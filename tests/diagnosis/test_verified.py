@@ -40,10 +40,11 @@ from virtual_phantom.recordings.importers.htc2022 import with_partial_pixels
 from virtual_phantom.recordings.projections import Projections
 
 PHOTONS, DENSITY = 1e5, 1.03
-# A fitter; the selection reads its declared physics and number of data.
+# A fitter; the selection reads its declared physics, and number and weight of data.
 BARE = SimpleNamespace(
     model=SimpleNamespace(with_declared_effects=tuple),
-    weights=(),
+    weights=(np.ones(2),),
+    held_weights=(np.ones(2),),
     finished=lambda fit: fit,
     comparable=lambda fit, without: fit,
 )

@@ -23,9 +23,9 @@ CONVERGED, CONVERGED_SHARE = 0.02, 1e-5
 # The same for fits that are only compared with others: half a unit of log score at most, an eighth of the least gain of
 # an effect (forward_selection.LEAST_GAIN).
 COMPARED, COMPARED_SHARE = 1.0, 1e-4
-# A compared fit ends after this many iterations if even this many times the expected decrease of chi-square would not
-# make it matter. A detector tilt in the place of a motion took 28 Jacobians, and ended at a chi-square of 76 082 where
-# 12 612 were needed (case 128 of seed 5421).
+# A fit with a needed chi-square ends after this many iterations if even this many times the decrease that an undamped
+# step predicts would not reach it. A detector tilt in the place of a motion took 28 Jacobians and ended at a chi-square
+# of 76 082 where 12 612 were needed (case 128 of seed 5421).
 HOPELESS_AFTER, HOPE = 2, 10.0
 # A Jacobian stays in use while the gain of a step over the predicted gain is in this range.
 AS_EXPECTED = (0.7, 1.4)
@@ -123,6 +123,10 @@ class JointProblem:
         """Return a point with residuals at the present linearization and with gain patterns estimated again."""
         return self._iterate(point, {name: own.recompute_residuals(part) for name, own, part in self.parts(point)})
 
+    def needs_new_corrections(self, here: Iterate) -> bool:
+        """Return whether any recording needs new numerical corrections (Problem.needs_new_corrections)."""
+        return any([own.needs_new_corrections(part) for _, own, part in self.parts(here.point)])  # a list: calls all
+
     def follow(self, here: Iterate) -> Iterate:
         """Return a point whose residuals are computed with rays traced there, if it was out of the linear range."""
         if not any([problem.follow(part) for _, problem, part in self.parts(here.point)]):  # a list: calls all
@@ -198,14 +202,17 @@ def solve(problem: JointProblem, start: Iterate, compared: bool = False, needed:
             jacobians = problem.jacobians(here)
         information, gradient = problem.normal(jacobians, here)
         before, excess = here.chi_square, here.chi_square - problem.count
+        if fresh and iteration >= HOPELESS_AFTER and before > needed and not problem.patterned:
+            step = bounded_step(information, gradient, here.point, problem.low, problem.high)
+            hopeless = before - HOPE * _decrease(information, gradient, step) > needed
+            if hopeless and not problem.needs_new_corrections(here):
+                return Solution(here.point, here.residuals, before, information, 0.0)
         enough = max(CONVERGED, CONVERGED_SHARE * excess, min(COMPARED_SHARE * excess, COMPARED if compared else 0.0))
         step = _step(problem, here, information, gradient, damping, enough, fresh)
         damping = step.damping
         if step.reached is not None:
             jacobians = problem.updated(jacobians, here, step.reached)
             here = problem.follow(step.reached)
-        if iteration >= HOPELESS_AFTER and here.chi_square - HOPE * step.predicted_decrease > needed:
-            return Solution(here.point, here.residuals, here.chi_square, None, 0.0)
         gained = before - here.chi_square
         converged = step.expected < enough and (fresh or as_expected)
         if not converged:
@@ -221,9 +228,7 @@ def solve(problem: JointProblem, start: Iterate, compared: bool = False, needed:
             stalled = small_steps >= SMALL_STEPS
             converged = stalled or (gained < enough and fresh)
         # The shrinkage of a gain pattern is estimated in turn with the numbers: corrections do not wait for it.
-        corrected = (converged or problem.patterned) and any(
-            [own.needs_new_corrections(part) for _, own, part in problem.parts(here.point)]
-        )
+        corrected = (converged or problem.patterned) and problem.needs_new_corrections(here)
         if converged and not corrected:
             break
         if corrected:
@@ -254,7 +259,7 @@ def _step(problem: JointProblem, here: Iterate, information, gradient, damping, 
     while True:
         damped = information + damping * np.diag(np.diag(information))
         step = bounded_step(damped, gradient, here.point, problem.low, problem.high)
-        expected = float(2 * gradient @ step - step @ information @ step)
+        expected = _decrease(information, gradient, step)
         predicted_decrease = predicted_decrease or expected
         if expected < enough:
             return _Step(None, expected, predicted_decrease, damping)
@@ -270,6 +275,11 @@ def _step(problem: JointProblem, here: Iterate, information, gradient, damping, 
         damping = max(LEAST_DAMPING, damping * DAMPING)
         if damping > MOST_DAMPING or not fresh:  # an updated Jacobian is computed again first
             return _Step(None, expected, predicted_decrease, damping)
+
+
+def _decrease(information: np.ndarray, gradient: np.ndarray, step: np.ndarray) -> float:
+    """Return the decrease of chi-square that derivatives predict for a step."""
+    return float(2 * gradient @ step - step @ information @ step)
 
 
 def joint_indices(problems: Mapping[str, Problem], protocols: Mapping[str, str]) -> dict[str, np.ndarray]:

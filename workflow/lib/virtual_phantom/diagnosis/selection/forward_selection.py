@@ -324,7 +324,7 @@ class ForwardSelection:
         close = [name for name, lost in losses.items() if lost < RULED_OUT]
         likely = list(dict.fromkeys([*worth_fitting(found, 2 * gain), *close]))
         enough = max(RULED_OUT, self.tolerance(self.current))
-        needed = self.current.fit.chi_square + 2 * enough
+        needed = self.needed_chi_square(enough)
         fitted = dict(zip(likely, fits.of([(*effects, name) for name in likely], rest, needed), strict=True))
         losses = {name: max(lost, 0.0) for name, lost in losses.items()}
         losses |= {name: score - trial.score for name, trial in fitted.items()}
@@ -337,7 +337,24 @@ class ForwardSelection:
         for name, trial in fits.in_place(self.current, effect, doubtful, needed).items():
             if name not in fitted or trial.fit.chi_square < fitted[name].fit.chi_square:
                 fitted[name], losses[name] = trial, score - trial.score
+        # Fits that ended early, but whose held-out score matters, are continued.
+        unfinished = [name for name, one in fitted.items() if one.fit.chi_square > needed and losses[name] < enough]
+        continued = fits.refit([(fitted[name].fit.effects, fitted[name]) for name in unfinished])
+        for name, trial in zip(unfinished, continued, strict=True):
+            fitted[name], losses[name] = trial, score - trial.score
         return losses, list(fitted.values())
+
+    def needed_chi_square(self, enough: float) -> float:
+        """Return the chi-square above which a fit loses more log score of held-out data than `enough`.
+
+        Fitted data may have more weight than held-out data. With a gain pattern, chi-square depends on its shrinkage,
+        so that there is no such value.
+        """
+        fitter = self.fits.fitter
+        if any(load(name).pattern for name in self.current.fit.effects):
+            return math.inf
+        ratio = float(fitter.weights[0].sum() / fitter.held_weights[0].sum())
+        return self.current.fit.chi_square + 2 * enough * max(1.0, ratio)
 
     def _filters_beside(self, trial: Trial) -> dict[str, Screened]:
         """Return the matched filters of all other candidates for a fit."""
