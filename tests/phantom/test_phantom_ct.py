@@ -349,6 +349,7 @@ def test_names_of_parts_must_differ_from_other_names(nifti):
 
 def test_bad_settings_are_rejected(nifti):
     refuse({**nifti, "scale": 2}, "phantom: ct: unknown key 'scale'")
+    refuse({k: v for k, v in nifti.items() if k != "image"}, "^phantom: ct: image is missing")
     refuse({**nifti, "rois": []}, "phantom: ct: rois: ")
     refuse({k: v for k, v in nifti.items() if k != "labels"}, "bright: has no file")
     refuse({**nifti, "centre_mm": [0, 0]}, "centre_mm")

@@ -186,6 +186,8 @@ def test_two_repeats_do_not_test_the_sd():
         (lambda a, b: (a, b.drop_duplicates("roi")), {}, "recorded features: 1 image of ROI normal_1"),
         (lambda a, b: (a.assign(**{FEATURES[0]: np.nan}), b), {}, f"simulated features: {FEATURES[0]} is nan"),
         (lambda a, b: (a.assign(tissue_class="x"), b), {}, "normal_1 has tissue class normal_liver and x"),
+        (lambda a, b: (a, b), {"margin_sd": 0}, "margin_sd 0 must be positive"),
+        (lambda a, b: (a, b), {"sd_factor": 1}, "sd_factor 1 larger than one"),
     ],
 )
 def test_bad_input_is_one_clear_line(change, options, message):
@@ -321,6 +323,9 @@ def test_features_that_must_not_be_compared():
         assert flat["original_gldm_DependenceVariance"] == flat["original_glszm_ZoneEntropy"] == "no"
         assert flat["original_gldm_GrayLevelVariance"] == flat["original_glcm_Contrast"] == "with care"
     assert set(solid) | set(flat) == {"yes", "with care", "no"}
+    for arguments, message in (((FEATURES, 4, 0), "dimensions is 4"), ((["x"], 3, 0), "unknown feature x")):
+        with pytest.raises(InputError, match=message):
+            comparability.comparable(*arguments)
 
 
 def test_size_of_an_roi_from_its_features():

@@ -91,8 +91,8 @@ def test_separate_standardization_hides_offsets_and_joint_standardization_shows_
 
 
 def test_fitted_set_determines_the_axes():
-    table, reference, sets = simulated(), measured_table(), ("simulated", "measured", "pooled")
-    fits = {fit_on: pca.project(table, reference, fit_on=fit_on, standardise="together") for fit_on in sets}
+    table, reference = simulated(), measured_table()
+    fits = {fit_on: pca.project(table, reference, fit_on=fit_on, standardise="together") for fit_on in pca.FIT_ON}
     assert np.allclose(plane(fits["simulated"], "simulated"), plane(pca.project(table)))
     swapped = pca.project(table.assign(**{feature: reference[feature] for feature in FEATURES[:6]}))
     assert np.allclose(plane(fits["measured"], "measured"), plane(swapped))
@@ -152,6 +152,18 @@ def test_points_are_not_classified_by_repeats_of_their_own_setting():
 @pytest.mark.parametrize(
     "call, message",
     [
+        (
+            lambda: pca.project(simulated(), fit_on="both"),
+            "pca.fit_on: 'both' is not known; choose from simulated",
+        ),
+        (
+            lambda: pca.project(simulated(), standardise="no"),
+            "pca.standardise: 'no' is not known; choose from each",
+        ),
+        (
+            lambda: pca.project(simulated(), fit_on="measured"),
+            "pca.fit_on: 'measured' needs measured features",
+        ),
         (lambda: pca.project(simulated().iloc[:1]), "1 rows and 6 features"),
         (
             lambda: pca.project(simulated().assign(**{FEATURES[2]: np.inf})),

@@ -62,6 +62,8 @@ def load_phantom(settings: CtPhantom, grid: Grid, oversampling: int) -> Phantom:
         empty on the grid, or loses more than LARGEST_LOSS of its volume to keep_mm or the border of the grid.
     """
     entries = read_roi_entries(settings.rois, settings.labels)
+    if settings.image is None:
+        raise InputError("phantom: ct: image is missing; name a NIfTI file, or the folder of a DICOM series")
     image = read_hu(Path(settings.image), settings.not_checked or ())
     image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     kept = np.ones(image.grid.shape[1:], bool)

@@ -52,7 +52,14 @@ def displacement(image: Volume, reference: Volume, within: np.ndarray | None = N
     -------
     Displacement or None
         None if no voxel has a gradient above STEEP_HU_PER_MM.
+
+    Raises
+    ------
+    ValueError
+        If the grids differ.
     """
+    if not image.grid.matches(reference.grid):
+        raise ValueError(f"image on {image.grid}, reference on {reference.grid}")
     sigma = [SMOOTHED_MM / size_mm for size_mm in image.grid.spacing]
     fixed = gaussian_filter(reference.array.astype(np.float32), sigma, mode="nearest")
     moving = gaussian_filter(image.array.astype(np.float32), sigma, mode="nearest")

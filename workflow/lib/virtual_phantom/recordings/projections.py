@@ -67,9 +67,16 @@ class Projections:
         ----------
         smallest_transmission : float
             Lower limit of the transmission, which also replaces zero and negative values.
+
+        Raises
+        ------
+        InputError
+            If `smallest_transmission` is not between 0 and 1.
         """
         if self.log:
             return self.data
+        if not 0 < smallest_transmission < 1:
+            raise InputError(f"smallest transmission {smallest_transmission}: use a number between 0 and 1")
         signal = np.where(self.dead, np.nan, self.white - self.dark).astype(np.float32)
         transmission = (self.data - self.dark.astype(np.float32)) / signal
         return -np.log(np.maximum(transmission, np.float32(smallest_transmission)))

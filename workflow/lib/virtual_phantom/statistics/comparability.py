@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..base.errors import InputError
-from ..features.names import FAMILIES, HISTOGRAM_ONLY, OTHER_FAMILIES, family, unfiltered
+from ..features.names import FAMILIES, HISTOGRAM_ONLY, OTHER_FAMILIES, family, is_feature, unfiltered
 from ..features.settings import SETTINGS
 
 # First-order features that change if an offset is added to all voxels.
@@ -83,10 +83,19 @@ def comparable(
           values are equal only for isotropic textures and voxels
         * "yes": all others; depends_on_voxel_size alone is no reason, as voxel sizes are unknown here
 
+    Raises
+    ------
+    InputError
+        If dimensions are neither 2 nor 3, or a feature is unknown.
+
     References
     ----------
     .. [1] van Griethuysen et al., Cancer Res. 77, e104, 2017; https://pyradiomics.readthedocs.io, "Radiomic Features".
     """
+    if recording_dimensions not in (2, 3):
+        raise InputError(f"comparison: dimensions is {recording_dimensions}; use 2 or 3")
+    if unknown := [feature for feature in features if not is_feature(feature)]:
+        raise InputError(f"comparison: unknown feature {unknown[0]}; use the names of pyradiomics")
     rows = []
     for feature in features:
         alike = unfiltered(feature)

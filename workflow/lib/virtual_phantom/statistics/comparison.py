@@ -88,7 +88,7 @@ def compare(
     ------
     InputError
         If an ROI or feature is in one table only, or tissue classes differ. Also if an ROI has fewer than two repeats,
-        or a value is not finite.
+        a margin is out of range, or a value is not finite.
 
     References
     ----------
@@ -97,6 +97,10 @@ def compare(
     .. [3] Benjamini and Yekutieli, Ann. Stat. 29, 1165, 2001.
     .. [4] Holm, Scand. J. Stat. 6, 65, 1979.
     """
+    if not margin_sd > 0 or not sd_factor > 1:
+        raise InputError(
+            f"comparison: margin_sd {margin_sd} must be positive and sd_factor {sd_factor} larger than one"
+        )
     rois = common_rois(simulated, recorded, rois)
     parts = []
     simulated_values, recorded_values = (

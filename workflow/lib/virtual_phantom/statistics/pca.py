@@ -17,6 +17,8 @@ from ..base.errors import InputError
 from ..features.names import features_of
 from ..features.tables import ACQUISITION, finite_values
 
+FIT_ON = ("simulated", "measured", "pooled")
+STANDARDISE = ("each", "together")
 # Columns that only one of the two sets has.
 NULLABLE = {
     "protocol": "string",
@@ -62,8 +64,13 @@ def project(
     Raises
     ------
     InputError
-        For values that are not finite, or fewer than two rows or features.
+        For an unknown choice, a fit on measured features without a table of them, or values that are not finite.
     """
+    for key, value, allowed in (("fit_on", fit_on, FIT_ON), ("standardise", standardise, STANDARDISE)):
+        if value not in allowed:
+            raise InputError(f"pca.{key}: {value!r} is not known; choose from {', '.join(allowed)}")
+    if measured is None and fit_on != "simulated":
+        raise InputError(f"pca.fit_on: {fit_on!r} needs measured features; choose simulated")
     tables = {"simulated": simulated} if measured is None else {"simulated": simulated, "measured": measured}
     features = [feature for feature in features_of(simulated) if all(feature in table for table in tables.values())]
     values = {source: finite_values(table, features, f"{source} features") for source, table in tables.items()}

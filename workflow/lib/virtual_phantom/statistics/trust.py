@@ -13,7 +13,7 @@ from .comparability import SHAPES
 from .rank_sum import stable_probability
 from .stability_interval import stability_intervals
 from .stability_measures import UNVARYING, feature_array
-from .wilcoxon import varying
+from .wilcoxon import COMPARE, varying
 
 VERDICTS = {"yes": "Stable", "no": "Not stable", "undecided": "Undecided"}
 
@@ -62,8 +62,10 @@ def trust_table(
     Raises
     ------
     InputError
-        For a group that lacks a seed of an ROI, or fewer than two groups.
+        For an unknown `compare`, a group that lacks a seed of an ROI, or fewer than two groups.
     """
+    if compare not in COMPARE:
+        raise InputError(f"statistics.compare: {compare!r} is not known; choose from {', '.join(COMPARE)}")
     x = feature_array(features_table, features, source)
     if x.shape[2] < 2:
         raise InputError(f"{source}: 1 group; stability needs at least two")
