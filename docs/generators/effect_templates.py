@@ -113,7 +113,7 @@ def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
     values = pandas.DataFrame(correlation, labels, labels)
     figure = style.figure(style.DOUBLE_COLUMN_MM, style.DOUBLE_COLUMN_MM * 1.08)
     axes = figure.subplots()
-    image = style.heat_map(axes, values, np.full(values.shape, ""), cmap="RdBu_r", vmin=-1, vmax=1)
+    image = style.heat_map(axes, values, cmap="RdBu_r", vmin=-1, vmax=1)
     text = "correlation of templates after projection of the alignment"
     figure.colorbar(image, ax=axes, location="top", label=text, shrink=0.6, aspect=40)
     return figure

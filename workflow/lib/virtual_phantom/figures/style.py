@@ -246,12 +246,12 @@ def write_columns(figure: Figure, columns: Sequence[tuple[str, Sequence[str]]], 
         write(text, COLUMN_GAP / 2, line, GREY)
 
 
-def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike, **options) -> QuadMesh:
-    """Draw a heat map with `words` in its cells; cells without a value are gray and empty.
+def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike | None = None, **options) -> QuadMesh:
+    """Draw a heat map, with `words` in its cells if given; cells without a value are gray and empty.
 
     Parameters
     ----------
-    words : array_like, shape of values
+    words : array_like, shape of values, optional
     **options
         Options of Axes.pcolormesh.
 
@@ -268,7 +268,7 @@ def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike, **options) 
     axes.tick_params(length=0)
     axes.set_yticks(np.arange(rows) + 0.5, values.index, va="center")
     axes.set_xticks(np.arange(columns) + 0.5, values.columns, rotation=60, ha="right", rotation_mode="anchor")
-    for (row, column), word in np.ndenumerate(np.asarray(words)):
+    for (row, column), word in () if words is None else np.ndenumerate(np.asarray(words)):
         if cells[row, column] is not np.ma.masked:
             color = "white" if _luminance(mesh.to_rgba(cells[row, column])) < DARK else "black"
             axes.text(column + 0.5, row + 0.5, word, color=color, ha="center", va="center")

@@ -25,6 +25,7 @@ STAGES = (GEOMETRY, MOTION, "spectrum", "fluence", FOCAL_SPOT, "scatter", "cross
 # in air, the same per scan time, 1 / photons per pixel in air, and the larger pitch of the pixels.
 PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
 PER_SCAN_SQUARED, PER_AIR_PHOTON, PER_PIXEL = "scan squared", "1 over the photons in air", "pixel"
+TIMED = (PER_VIEW, PER_SCAN, PER_SCAN_SQUARED, OF_AIR_PER_SCAN)
 READOUT_UNITS = "readout units"  # photons in a study and its recordings; the signal in air for line integrals alone
 # Units that end the name of a parameter, such as width_mm and rows_mm_per_s.
 UNIT_AT_END = re.compile(r"(_(mm|um|deg|px|hu|ms|units))?(_per_(s2?|mm2?|photon))?$")
@@ -150,7 +151,7 @@ class Parameter:
     @property
     def timed(self) -> bool:
         """Whether the parameter can be determined only from scans with known times."""
-        return self.reach is not None and self.reach.of not in (OF_AIR, PER_AIR_PHOTON, PER_PIXEL)
+        return self.reach is not None and self.reach.of in TIMED
 
     def within(self, scan: Mapping[str, float]) -> Parameter:
         """Return the parameter with the range, start and typical strength of one scan.

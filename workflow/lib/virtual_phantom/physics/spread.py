@@ -56,10 +56,11 @@ def long_tailed_spread(array: np.ndarray, geometry: ScanGeometry, width_mm: floa
     """
     nodes, shares = np.polynomial.legendre.leggauss(GAUSSIANS)
     widths = width_mm * np.sqrt(2) * scipy.special.erfinv((nodes + 1) / 2)
-    return sum(
-        float(share) / 2 * spread(array, geometry, float(width), beyond=beyond)
-        for share, width in zip(shares, widths, strict=True)
-    )
+    gaussians = [(float(share) / 2, float(width)) for share, width in zip(shares, widths, strict=True)]
+    if geometry.rows == 1:  # one product instead of one for each Gaussian
+        kernels = ((share, _kernel(width / geometry.column_pitch_mm, np.inf)) for share, width in gaussians)
+        return array @ sum(share * _matrix(geometry.columns, kernel, beyond) for share, kernel in kernels)
+    return sum(share * spread(array, geometry, width, beyond=beyond) for share, width in gaussians)
 
 
 def _kernel(sigma: float, reach: float) -> np.ndarray:

@@ -16,7 +16,6 @@ from ..fitting.templates import SMALL, data_changes, strength, templates, varied
 # Search range of a strength relative to its first-order value, and options of the search. First-order strengths were
 # wrong by 0.1 to 25 %, because one-sided derivatives differ at the edges of a disc.
 NEAR_FIRST_ORDER, SEARCH = (0.25, 4.0), {"diff_step": 2e-3, "ftol": 1e-5, "xtol": 1e-5, "max_nfev": 8}
-
 # First-order share below which two effects that move rays or the object are different. It was 0.6 for equal effects.
 LEAST_MOVING = 0.3
 

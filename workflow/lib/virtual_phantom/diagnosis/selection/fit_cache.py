@@ -33,13 +33,7 @@ class FitCache:
     def __init__(self, folder: str | Path, made_of: str, code: Callable[[str], str]):
         self.folder, self.made_of, self.code = Path(folder), made_of, code
 
-    def get(
-        self,
-        effects: tuple[str, ...],
-        given: Trial | None = None,
-        against: Trial | None = None,
-        needed: float = math.inf,
-    ) -> Trial | None:
+    def get(self, effects: tuple[str, ...], *rest) -> Trial | None:
         """Return the stored trial for these arguments of `trial`; None if there is none."""
         path = self._path(effects)
         if not path.is_file():
@@ -48,19 +42,12 @@ class FitCache:
             found, of = read_trial(path)
         except InputError:  # cut short or changed
             return None
-        return found if of == self._made_of(effects, given, against, needed) else None
+        return found if of == self._made_of(effects, *rest) else None
 
-    def put(
-        self,
-        found: Trial,
-        effects: tuple[str, ...],
-        given: Trial | None = None,
-        against: Trial | None = None,
-        needed: float = math.inf,
-    ) -> None:
-        """Store a trial; it replaces an earlier one of the same effects."""
+    def put(self, found: Trial, effects: tuple[str, ...], *rest) -> None:
+        """Store a trial for these arguments of `trial`; it replaces an earlier one of the same effects."""
         try:
-            write_trial(found, self._path(effects), self._made_of(effects, given, against, needed))
+            write_trial(found, self._path(effects), self._made_of(effects, *rest))
         except InputError as error:  # a full disk does not stop the diagnosis
             LOGGER.warning("not kept: %s", error)
         except ValueError:  # JSON has no infinite numbers
@@ -69,7 +56,7 @@ class FitCache:
     def _path(self, effects: tuple[str, ...]) -> Path:
         return self.folder / f"{'+'.join(effects) or ALIGNMENT}.json"
 
-    def _made_of(self, effects, given, against, needed) -> str:
+    def _made_of(self, effects, given=None, against=None, needed=math.inf) -> str:
         begun = [None if trial is None else content_of(trial) for trial in (given, against)]
         text = json.dumps([self.made_of, [self.code(name) for name in effects], begun, needed])
         return hashlib.sha256(text.encode()).hexdigest()

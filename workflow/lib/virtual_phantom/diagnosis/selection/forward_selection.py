@@ -430,20 +430,19 @@ class CandidateFits:
     def of(self, sets: Sequence[tuple[str, ...]], given: Trial, needed: float = math.inf) -> list[Trial]:
         """Fit sets of candidates, sets of several from the fit `given`; `needed` as for `trial`."""
         several = [effects for effects in sets if len(effects) > 1]
-        made = dict(zip(several, self._fits([(effects, given, None, needed) for effects in several]), strict=True))
+        made = dict(zip(several, self._fits([(effects, given, None) for effects in several], needed), strict=True))
         made |= {(name,): one for name, one in self.single([one[0] for one in sets if len(one) == 1]).items()}
         return [made[effects] if effects else self.baseline for effects in sets]
 
-    def _fits(self, tasks: Sequence[tuple]) -> list[Trial]:
-        """Return the fits of tasks as `trials` takes them; sets that were fitted from the same start are reused."""
-        keys = [(effects, id(given)) for effects, given, *_ in tasks]  # valid while the start is kept
-        enough = [task[3] if len(task) > 3 else math.inf for task in tasks]
+    def _fits(self, tasks: Sequence[tuple], needed: float = math.inf) -> list[Trial]:
+        """Return the fits of tasks (effects, given, against); sets that were fitted from the same start are reused."""
+        keys = [(effects, id(given)) for effects, given, _ in tasks]  # valid while the start is kept
         new = [
-            (key, task, needed)
-            for key, task, needed in zip(keys, tasks, enough, strict=True)
+            (key, task)
+            for key, task in zip(keys, tasks, strict=True)
             if key not in self._fitted or needed > self._fitted[key][2]
         ]
-        for (key, task, needed), made in zip(new, self.fit([task for _, task, _ in new]), strict=True):
+        for (key, task), made in zip(new, self.fit([(*task, needed) for _, task in new]), strict=True):
             self._fitted[key] = task[1], made, needed
         return [self._fitted[key][1] for key in keys]
 
