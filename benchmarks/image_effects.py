@@ -19,11 +19,10 @@ from benchmarks import common
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid, circular, parallel_beam
 from virtual_phantom.base.settings import FbpSettings
-from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.images.prepared import prepare
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
-from virtual_phantom.diagnosis.selection.forward_selection import choose
-from virtual_phantom.diagnosis.verdict.verdict import diagnose
+from virtual_phantom.diagnosis.run import find_missing_physics
+from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.effect import DIFFERENT_SLICES, image_effects, load
 from virtual_phantom.physics.scenes.objects import read_object
 from virtual_phantom.physics.scenes.shapes import ShapesScene
@@ -155,7 +154,7 @@ def back_projected(lines, filter_name):
     return iradon(lines.T / MM, np.rad2deg(ANGLES), filter_name=filter_name, circle=True)
 
 
-def changed_lines(lines, kind, size, random, values):
+def changed_lines(lines, kind, size, random, filter_name, values):
     """Line integrals with a hidden effect of the raw data."""
     if kind == "residual_cupping":  # an error of second order in the water correction
         return lines + 0.01 * size * lines * (lines - lines.max())
@@ -167,7 +166,7 @@ def changed_lines(lines, kind, size, random, values):
     if kind == "rings":  # gain errors of detector elements
         errors = np.tile(0.006 * size * random.normal(size=COLUMNS), (VIEWS, 1))
         inside = np.hypot(POSITION[:, None], POSITION) < 95
-        values["rms"] = 1000 / WATER * back_projected(errors, "ramp")[inside].std()
+        values["rms"] = 1000 / WATER * back_projected(errors, filter_name)[inside].std()
         return lines + errors
     if kind == "truncation":
         values["radius_mm"] = MM * (random.integers(23, 32) + 0.5)  # edge of the last element
@@ -205,17 +204,17 @@ def recorded(simulator, kind, number, seed):
     random = np.random.default_rng(np.random.SeedSequence([seed, KINDS.index(kind), number]))
     name, kinds, values = OBJECTS[(number + KINDS.index(kind)) % 2], kind.split("+"), {}
     size, pixel = random.uniform(0.7, 1.5), random.uniform(1.5, 3.5)
+    filter_name = next((one for one in kinds if one in FILTERS), "hann" if "boost" in kinds else "ramp")
     if simulator == "xcist":
         noisy = by_xcist(name, random)
         for one in kinds:
-            noisy = changed_lines(noisy, one, size, random, values)
+            noisy = changed_lines(noisy, one, size, random, filter_name, values)
     else:
         lines = {"chords": chords, "astra": by_astra}[simulator](name)
         for one in kinds:
-            lines = changed_lines(lines, one, size, random, values)
+            lines = changed_lines(lines, one, size, random, filter_name, values)
         noisy = by_poisson(lines, random)
     noisy[..., np.abs(POSITION) > values.get("radius_mm", np.inf)] = 0
-    filter_name = next((one for one in kinds if one in FILTERS), "hann" if "boost" in kinds else "ramp")
     image = 1000 * (np.stack([back_projected(one, filter_name) for one in noisy]) / WATER - 1)
     for one in kinds:
         image = changed_image(image, one, size, pixel, values)
@@ -243,8 +242,7 @@ def diagnosed(case):
     random = np.random.SeedSequence(seed)
     options = {"slices_variance": 1.0, "known_image": own, "filters": True}
     prepared = prepare(images, None, *chains, reconstruct, grid.spacing, valid, random, **options)
-    chosen = choose(prepared.fitter, trial(prepared.fitter, ()), wanted)
-    content = diagnose(kind, prepared, chosen).content
+    content = find_missing_physics(kind, prepared, wanted, defaults_of("diagnosis", "model_accuracy")).content
     named, groups = [one["name"] for one in content["effects"]], named_groups(content)
     truths = [EFFECT.get(one, one) for one in kind.split("+")]
     shares = [max((1 / len(group) for group in groups if truth in group), default=0) for truth in truths]
@@ -258,7 +256,7 @@ def diagnosed(case):
     }
     held = {key: known[key] for key in values if key in known}
     covered = sum(low <= values[key] <= high for key, (low, high) in held.items())
-    texts = [f"{key} {low:.3g} to {high:.3g}, true {values[key]:.3g}" for key, (low, high) in held.items()]
+    texts = [f"{key} {low:.5g} to {high:.5g}, true {values[key]:.5g}" for key, (low, high) in held.items()]
     row = {
         "kind": kind,
         "object": name,
