@@ -164,13 +164,15 @@ def test_copied_repeats_are_named(lines):
     several = lines.mean(axis=0).repeat(4, axis=0)  # enough rays for the means of blocks
     usable = np.ones(several.shape, bool)
     repeats = several + generator(Stream(5)).normal(0, 0.01, (4, *usable.shape)).astype(np.float32)
-    assert outlying_repeat(repeats, usable) is None and copied_repeats(repeats) == []
+    assert outlying_repeat(repeats, usable) is None and copied_repeats(repeats) == {}
     drifted = repeats * np.linspace(0.99, 1.01, 4, dtype=np.float32)[:, None, None, None]
     assert outlying_repeat(drifted, usable) is None  # the tube's output drifts
     repeats[2] = np.roll(repeats[2], 2, axis=-1)
     assert outlying_repeat(repeats, usable) == 2
     repeats[3] = repeats[0]
-    assert copied_repeats(repeats) == [(0, 3)]
+    assert copied_repeats(repeats) == {3: 0}
+    repeats[1] = repeats[0]
+    assert copied_repeats(repeats) == {1: 0, 3: 0}
 
 
 @pytest.mark.parametrize(

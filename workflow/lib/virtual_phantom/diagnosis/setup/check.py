@@ -79,8 +79,9 @@ def _mistakes_of_data(recording: ProjectionsRecording, taken: Scans) -> dict[str
     """Return the mistakes that the repeats and the white field show."""
     names = [str(path.name) for path in recording.document.repeats]
     mistakes = {}
-    for first, second in copied_repeats(taken.repeats):
-        mistakes["copied repeat"] = f"repeats: remove {names[second]}, which is a copy of {names[first]}"
+    if copies := copied_repeats(taken.repeats):
+        removed = (f"{names[copy]}, which is a copy of {names[one]}" for copy, one in copies.items())
+        mistakes["copied repeat"] = f"repeats: remove {'; and '.join(removed)}"
     if not mistakes and (which := outlying_repeat(taken.repeats, taken.usable)) is not None:
         mistakes["a repeat of another scan"] = f"repeats: remove {names[which]}, or compare it with the others"
     if lit := wrong_illumination(taken.white, recording.geometry, recording.scan):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 from scipy import ndimage, optimize
@@ -27,10 +28,13 @@ SECOND_DIFFERENCE = 6.0  # variance of a second difference of independent values
 EXPLAINED = 0.5  # least share of the variance of the white field, by the solid angle and a slope along either axis
 
 
-def copied_repeats(lines: np.ndarray) -> list[tuple[int, int]]:
-    """Return pairs of repeats with identical numbers, from an array of shape (repeats, views, rows, columns)."""
-    count = len(lines)
-    return [(a, b) for a in range(count) for b in range(a + 1, count) if np.array_equal(lines[a], lines[b])]
+def copied_repeats(lines: np.ndarray) -> dict[int, int]:
+    """Return {copy: first repeat with identical numbers}, from an array of shape (repeats, views, rows, columns)."""
+    found: dict[int, int] = {}
+    for first, copy in combinations(range(len(lines)), 2):
+        if copy not in found and np.array_equal(lines[first], lines[copy]):
+            found[copy] = first
+    return found
 
 
 def outlying_repeat(lines: np.ndarray, usable: np.ndarray) -> int | None:
