@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
@@ -142,7 +143,8 @@ def rank(
         for number, ambiguity in enumerate(ambiguities):
             for pair in ambiguity.pairs:
                 ways = permutations(f"{number} {name}" for name in pair)
-                scores[pair] = min(expected(parts, *way) for way in ways)
+                score = min(expected(parts, *way) for way in ways)
+                scores[pair] = min(score, scores.get(pair, math.inf))  # two ambiguities may have the same pair
                 alike[pair] = correlation(after, *([key for key in keys if name in key] for name in pair))
         return RankedMeasurement(measurement, information_gain(before, after, keys) if keys else 0.0, scores, alike)
 
