@@ -133,7 +133,7 @@ def _at_bounds(fit: Fit, model: Model) -> list[tuple[str, Parameter, str]]:
         if parameter.fraction or WELL_KNOWN * error > high - low:  # the data do not measure it
             continue
         # A lower end of 0 is the absence of the effect.
-        ends = {"upper": high} | ({"lower": low} if low not in (0, unknown.neutral) else {})
+        ends = {"upper": high} | ({"lower": low} if low not in (0, parameter.neutral) else {})
         for end, bound in ends.items():
             if abs(value - bound) <= AT_BOUND * (high - low):
                 name, unit = parameter.display_name, "" if parameter.unit == "1" else f" {parameter.unit}"
