@@ -36,7 +36,7 @@ def spread(
         _kernel(width_mm / pitch, reach / pitch)
         for pitch, reach in zip((geometry.column_pitch_mm, geometry.row_pitch_mm), reach_mm, strict=True)
     )
-    array = array @ _matrix(geometry.columns, columns, beyond)
+    array = _along_columns(array, _matrix(geometry.columns, columns, beyond))
     if geometry.rows > 1:
         return _matrix(geometry.rows, rows, beyond).T @ array
     return array * (2 * rows.sum() - rows[0]) if np.isfinite(reach_mm[1]) else array
@@ -59,8 +59,14 @@ def long_tailed_spread(array: np.ndarray, geometry: ScanGeometry, width_mm: floa
     gaussians = [(float(share) / 2, float(width)) for share, width in zip(shares, widths, strict=True)]
     if geometry.rows == 1:  # one product instead of one for each Gaussian
         kernels = ((share, _kernel(width / geometry.column_pitch_mm, np.inf)) for share, width in gaussians)
-        return array @ sum(share * _matrix(geometry.columns, kernel, beyond) for share, kernel in kernels)
+        matrix = sum(share * _matrix(geometry.columns, kernel, beyond) for share, kernel in kernels)
+        return _along_columns(array, matrix)
     return sum(share * spread(array, geometry, width, beyond=beyond) for share, width in gaussians)
+
+
+def _along_columns(array: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Return array @ matrix, by one product of two matrices instead of one product for each view."""
+    return (array.reshape(-1, len(matrix)) @ matrix).reshape(array.shape)
 
 
 def _kernel(sigma: float, reach: float) -> np.ndarray:
