@@ -137,13 +137,13 @@ def test_tolerance_holds_for_an_object_that_leaves_the_grid():
     geometry = circular(views=40, columns=36, rows=8, **(SCANNER | dict(column_pitch_mm=16.0, row_pitch_mm=16.0)))
     small = Grid((6, 24, 24), (8.0, 11.0, 11.0))
     large = Grid((12, 36, 36), (8.0, 11.0, 11.0))
-    whole = CpuProjector(geometry, large, 2)
+    whole = CpuProjector(geometry, large, 3)
     z, y, x = large.axes_mm()
     balls = (x / 100) ** 2 + (y[:, None] / 100) ** 2 + (z[:, None, None] / 20) ** 2 < 1
     rods = np.broadcast_to((x / 170) ** 2 + (y[:, None] / 150) ** 2 < 1, large.shape)
-    clean = whole.forward(whole.pack_volume(np.stack([balls, rods]).astype(np.float32) * np.float32(MU)))
+    clean = whole.forward(whole.pack_volume(np.stack([balls, rods, rods]).astype(np.float32) * np.float32(MU)))
     noise = np.random.default_rng(3).normal(0, 0.02, (2, geometry.views, geometry.rows, geometry.columns))
-    noisy = (whole.unpack_projections(clean) + noise).astype(np.float32)
+    noisy = (whole.unpack_projections(clean)[:2] + noise).astype(np.float32)
     counted = []
 
     def steps_of(tolerance_hu, lanes, solver="chebyshev"):
@@ -159,8 +159,9 @@ def test_tolerance_holds_for_an_object_that_leaves_the_grid():
         settings = SIRT | {"tolerance_hu": tolerance_hu, "solver": solver}
         return sirt.sirt(operator, noisy[lanes], **settings, mu_water_per_mm=MU)
 
-    stopped, alone = steps_of(1, [0, 1]), steps_of(1, [0])
-    beyond = np.abs(stopped - steps_of(0, [0, 1], "plain")) / MU * 1000 > 1
+    both = [0, 1, 1]  # three lanes, for which other tests have compiled the kernels
+    stopped, alone = steps_of(1, both), steps_of(1, [0])
+    beyond = np.abs(stopped - steps_of(0, both, "plain")) / MU * 1000 > 1
     assert (beyond.mean(axis=(1, 2, 3)) < 0.06).all()
     assert counted[1] < counted[0] < SIRT["terms"]
     np.testing.assert_allclose(alone[0], stopped[0], atol=1e-4 * MU)

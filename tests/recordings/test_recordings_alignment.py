@@ -131,7 +131,7 @@ def test_known_position_is_found(aligned):
 
 def test_alignment_is_reproducible(coarse):
     image = scanned(TURNED, grid=OTHER_COARSE)
-    first = align(image, coarse, name="a")
+    first = align(image, coarse, name="a", checked=False)
     assert np.abs(errors(first, TURNED, COARSE)[0]).max() < 0.2 * min(OTHER_COARSE.spacing)
     threads = sitk.ProcessObject.GetGlobalDefaultNumberOfThreads()
     try:
