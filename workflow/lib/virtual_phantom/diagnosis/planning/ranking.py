@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
-from types import MappingProxyType
 
 import numpy as np
 
@@ -315,9 +314,7 @@ def order(ranked: RankedMeasurement) -> tuple[bool, float]:
     return ranked.least is not None and not settles(ranked), -ranked.gain
 
 
-def possible(
-    prepared: Mapping[str, PreparedScans], section: Mapping = MappingProxyType({})
-) -> list[FurtherScan | DarkFrames]:
+def possible(prepared: Mapping[str, PreparedScans], section: Mapping) -> list[FurtherScan | DarkFrames]:
     """Return the candidate measurements for the first recording; `section` is its entry in diagnosis.recordings."""
     chain = next(iter(prepared.values())).fitter.model.chain
     return candidate_measurements(chain.geometry, chain.scene, section)
