@@ -19,7 +19,15 @@ from ..residuals.residual_tests import EDGES, DomainTest, alignment_tests
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
-from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, shortened, with_verdict_text
+from ..verdict_text import (
+    MATCH,
+    UNEXPLAINED,
+    VerdictLine,
+    effect_name,
+    recording_lines,
+    shortened,
+    with_verdict_text,
+)
 from .object_alternative import imitating_effects, object_alternatives
 from .object_mismatch import content_of, excess
 from .unmodeled import ChangesOfFits, better_changes, kinds_test
@@ -157,6 +165,29 @@ def diagnose(
     elif pieces:
         content["object"] = content_of(pieces)
     return Diagnosis(choice, before, after, with_verdict_text(content, recording_lines(content)), prepared)
+
+
+def unfitted_diagnosis(
+    recording: str, verdict: str, lines: Sequence[VerdictLine | None], shown: Any, **content
+) -> Diagnosis:
+    """Return the diagnosis of a recording to which nothing was fitted.
+
+    Parameters
+    ----------
+    shown : SetupResult or DataMaps
+        Result of the checks, whose maps the report shows.
+    **content
+        Further content of diagnosis.json.
+    """
+    empty = {
+        "recording": recording,
+        "verdict": verdict,
+        **{key: [] for key in ("locations", "effects", "unexplained", "next_measurement")},
+        **{key: {} for key in ("ambiguous_with", "ruled_out", "fit", "held_out")},
+        "excess_removed": None,
+        "held_out_data": "none",
+    }
+    return Diagnosis(None, [], [], with_verdict_text(empty | content, lines), setup=shown)
 
 
 def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[DomainTest]) -> float | None:
