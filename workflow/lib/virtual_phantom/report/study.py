@@ -130,7 +130,6 @@ def render_study(template: str, config: Mapping, **values) -> str:
         trial=config["trial"],
         TRIAL=style.TRIAL,
         config=yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
-        version=__version__,
         packages=versions,
         **values,
     )
