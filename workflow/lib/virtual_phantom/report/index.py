@@ -56,8 +56,6 @@ def index_page(
         if they are present.
     diagnoses : sequence of Path
         Reports, each next to its diagnosis.json.
-    config : mapping
-        The complete configuration.
     commands : mapping of str to str
         {purpose: command}, next steps first.
     other_pages : mapping of str to str, optional

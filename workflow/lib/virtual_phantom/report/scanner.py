@@ -23,13 +23,7 @@ class ScannerFiles(Protocol):
 
 
 def write_scanner_results(found: ScannerDiagnosis, prepared: Mapping[str, Prepared], output: ScannerFiles) -> None:
-    """Write scanner.json, physics.yaml and the report.
-
-    Parameters
-    ----------
-    prepared : mapping of str to Prepared
-        By recording.
-    """
+    """Write scanner.json, physics.yaml and the report."""
     content, fit = found.content, found.choice.chosen
     first = next(iter(fit.fits))
     physics = prepared[first].fitter.model.in_study_units(fit.physics, fit.fits[first].nuisance)

@@ -83,8 +83,6 @@ def report_page(
         {title: page} of reports of diagnoses, which are embedded.
     links : mapping of str to str
         {title: address} of related pages.
-    config : mapping
-        The complete configuration.
     """
     sections: dict[str, list] = {}
     for figure in figures:

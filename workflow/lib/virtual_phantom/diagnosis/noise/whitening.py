@@ -143,11 +143,6 @@ class Correlations:
 
         The correlation is a ratio of two quadratic forms x'Mx, whose covariances are 2 tr(M C M' C). The variance is of
         first order, and the covariance C is a product over the axes.
-
-        Parameters
-        ----------
-        lengths : tuple of 3 int
-            Lengths of all axes.
         """
         if self.white:
             return 1.0
@@ -201,8 +196,6 @@ class Whitening:
 
     Parameters
     ----------
-    correlations : Correlations
-        Correlations of the noise.
     lines : ndarray, shape (views, rows, columns)
         Line integrals, to first order: their transmission is the signal.
     usable : ndarray of bool, shape (views, rows, columns)

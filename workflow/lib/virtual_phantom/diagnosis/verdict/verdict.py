@@ -84,14 +84,10 @@ def diagnose(
 
     Parameters
     ----------
-    recording : str
-        Name of the recording.
     pieces : sequence of Change, optional
         Pieces of the object that were corrected before the fit.
     changes : ChangesOfFits, optional
         Cache that holds the changes computed in the selection.
-    tried : sequence of str, optional
-        Candidate effects.
     """
     fitter, changes = prepared.fitter, changes or ChangesOfFits()
 
