@@ -192,7 +192,7 @@ def test_gain_pattern_is_estimated_in_correlated_noise():
     true = shared_by(0.1, 0.1, 0, 0)
     white = Whitening(true, np.zeros(shape), np.ones(shape, bool))
     noise = 0.02 * random_noise(true, shape, random, 1)[0]
-    weight = np.full(shape, 1 / (0.02**2 * white.amplification))
+    weight = np.full(shape, 1 / (0.02**2 * white.correlations.amplification))
     found = estimate(white(noise), weight, white)
     # The mean of 512 mean squares varies by 1/16 of the variance of the pixels' noise.
     assert found.rms * white.roughness((3, 3)) < np.sqrt(3 / 16 / weight[:, 0, 0].sum())

@@ -168,10 +168,10 @@ def test_model_errors_of_declared_physics_are_not_named(scene, errors_of_scatter
     fitter = strong_scan(scene, {}, seed, added)
     aligned = trial(fitter, ())
     kept = FitCache(tmp_path, "this recording", str)  # fits do not depend on the accuracy
-    exact = choose(fitter, aligned, TRIED, accuracy=TRUSTED | {"default": 0.0}, kept=kept)
+    exact = choose(fitter, aligned, TRIED, accuracy=TRUSTED | {"default": 0.0}, cache=kept)
     assert exact.chosen.fit.effects
     gains = screened(fitter, aligned.fit, TRIED, accuracy=TRUSTED)
-    found = choose(fitter, aligned, TRIED, accuracy=TRUSTED, kept=kept, alone=gains)
+    found = choose(fitter, aligned, TRIED, accuracy=TRUSTED, cache=kept, alone=gains)
     assert found.chosen.fit.effects == ()
     # Significance under exact models is reported nevertheless.
     assert set(exact.chosen.fit.effects) & {

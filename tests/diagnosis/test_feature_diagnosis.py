@@ -9,10 +9,9 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.features import selection
 from virtual_phantom.diagnosis.features.changes import property_tables, sampled
-from virtual_phantom.diagnosis.features.misses import misses
 from virtual_phantom.diagnosis.features.properties import calibration, folds
 from virtual_phantom.diagnosis.features.responses import responses
-from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
+from virtual_phantom.diagnosis.features.verdict import diagnose_features, misses, overlay
 from virtual_phantom.features import extraction
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.features.names import MEAN

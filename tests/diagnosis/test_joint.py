@@ -83,13 +83,13 @@ def test_physics_is_shared_and_alignment_is_not(joint):
 
 def test_truth_lies_within_the_errors(joint):
     for key, truth in SCATTER["scatter"].items():
-        assert abs(joint.physics["scatter"][key] - truth) < 4 * joint.errors["scatter"][key]
+        assert abs(joint.physics["scatter"][key] - truth) < 4 * joint.fits["large"].errors["scatter"][key]
 
 
 def test_joint_errors_are_smaller_than_single_errors(fitters, joint):
     for key in SCATTER["scatter"]:
         alone = [fitter.fit(("scatter",)).errors["scatter"][key] for fitter in fitters.values()]
-        assert joint.errors["scatter"][key] < min(alone)
+        assert joint.fits["large"].errors["scatter"][key] < min(alone)
 
 
 INEXACT = {"default": 0.1, "numerical": 0.5}
@@ -116,7 +116,7 @@ def test_more_recordings_do_not_reduce_a_model_error(fitters, joint, monkeypatch
     errors = joint_errors_with_models(
         influences_of_recordings(JointFitter(fitters), joint, {"scatter": without}, accuracy)
     )["large"]["scatter"]
-    by_model = np.sqrt(errors["amount"] ** 2 - joint.errors["scatter"]["amount"] ** 2)
+    by_model = np.sqrt(errors["amount"] ** 2 - joint.fits["large"].errors["scatter"]["amount"] ** 2)
     assert by_model == pytest.approx(0.1 * joint.physics["scatter"]["amount"], rel=0.2)
 
 
@@ -127,7 +127,7 @@ def test_joint_fit_minimizes_the_sum(fitters, joint):
     for key in SCATTER["scatter"]:
         for side in (-1, 1):
             moved = {**joint.physics["scatter"]}
-            moved[key] += side * joint.errors["scatter"][key]
+            moved[key] += side * joint.fits["large"].errors["scatter"][key]
             worse = sum(_at(one, {"scatter": moved}, joint.fits[name]) for name, one in fitters.items())
             assert worse > joint.chi_square
 

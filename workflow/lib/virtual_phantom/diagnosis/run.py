@@ -170,7 +170,7 @@ def find_missing_physics(
         return piece.piece.content["width_mm"] <= widest_mm
 
     def select(given: Prepared, cache: FitCache | None) -> Choice:
-        (baseline,) = trials(given.fitter, [((),)], kept=cache)
+        (baseline,) = trials(given.fitter, [((),)], cache=cache)
         progress.reached(ALIGNED)
         piece = differing(changes(given, baseline.fit, numerical)) if len(pieces) < MOST_PIECES else None
         if piece is not None and pieces and not may_be_corrected(piece):
@@ -210,7 +210,7 @@ def apply_known_physics(
     """Judge a prepared recording by physics that was found on another one: only the alignment is fitted."""
 
     def apply(given: Prepared, cache: FitCache | None) -> Choice:
-        (baseline,) = trials(given.fitter, [((),)], kept=cache)
+        (baseline,) = trials(given.fitter, [((),)], cache=cache)
         return fit_with_fixed_physics(given.fitter, baseline, physics, same_material)
 
     prepared, choice = _with_settled_noise(prepared, apply, cache)

@@ -77,11 +77,6 @@ def simulated_slice(request: DiagnosisRequest, which: slice = slice(None)) -> Vo
     ----------
     which : slice, optional
         Slices that are averaged, among those that show the object.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
     """
     volume = request.other_scan or read_simulated_images(request.settings.simulation)
     count = len(volume.array)
@@ -156,11 +151,6 @@ def mask_scene(
     ----------
     mask : str or Path
         Image of volume fractions (0 to 1), with its center at the isocenter.
-
-    Raises
-    ------
-    InputError
-        If the mask is missing, broken, empty, or holds values outside 0 to 1.
     """
     volume = read_mask(mask)
     return labelled_scene(LabelMap(volume.array[None], volume.grid, (material,)), energy_kev, threads)

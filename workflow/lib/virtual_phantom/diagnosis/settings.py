@@ -129,8 +129,8 @@ class RecordingSettings:
     disc, object
         The scanned object; with neither and without `simulation`, the study's phantom was scanned.
     simulation : str or None
-        Path of the user's own simulation of the recording, in place of an object (own_simulation of projections and of
-        images).
+        Path of the user's own simulation of the recording, in place of an object (projections.own_simulation,
+        images.setting.simulated_images).
     simulation_energy_kev : float or None
         Energy of a simulation without a declared spectrum; None: the energy of the study's monochromatic beam.
     protocol : str or None

@@ -7,7 +7,7 @@ import numpy as np
 from ..diagnosis.fitting.fit import Fit
 from ..diagnosis.residuals.dataset import Prepared
 from ..diagnosis.residuals.residual_tests import ALPHA
-from ..diagnosis.selection.store import RESIDUAL_MAPS, write_diagnosis
+from ..diagnosis.selection.store import RESIDUAL_MAPS, DiagnosisFiles, write_diagnosis
 from ..diagnosis.setup.unknown_object import DataMaps
 from ..diagnosis.verdict.verdict import Diagnosis
 from ..diagnosis.verdict.warnings import advice
@@ -23,14 +23,8 @@ QUANTITIES = {"line_integral": "line integral", "hu": "HU"}  # by unit of the re
 PIXELS_ACROSS = 120  # of the residual map: with more, a block holds too few rays
 
 
-def write_results(diagnosis: Diagnosis, output) -> None:
-    """Write diagnosis.json, physics.yaml, the report and the maps.
-
-    Parameters
-    ----------
-    output : object
-        Paths, as attributes diagnosis, physics, report and maps.
-    """
+def write_results(diagnosis: Diagnosis, output: DiagnosisFiles) -> None:
+    """Write diagnosis.json, physics.yaml, the report and the maps."""
     content, overlay = diagnosis.content, {}
     if diagnosis.choice is None:
         shown, maps = diagnosis.setup.maps, {}
@@ -95,8 +89,6 @@ def setup_page(content: dict, stated: np.ndarray, best: np.ndarray) -> str:
 
     Parameters
     ----------
-    content : dict
-        Content of diagnosis.json.
     stated, best : ndarray, shape (down, across)
         Residuals of the scan as described and as corrected.
     """

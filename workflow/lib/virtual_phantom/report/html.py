@@ -28,7 +28,7 @@ MOST_ROUNDED = 0.05  # largest relative change by rounding to the digits of an i
 
 
 def render(template: str, filters: Mapping[str, Callable], *, strict: bool = True, **values) -> str:
-    """Render a template of `templates`.
+    """Render a template of `templates`, which may use the version of Virtual Phantom and the date.
 
     Parameters
     ----------
@@ -41,6 +41,7 @@ def render(template: str, filters: Mapping[str, Callable], *, strict: bool = Tru
         loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined if strict else Undefined
     )
     environment.filters |= {"label": label} | filters
+    environment.globals |= {"version": __version__, "date": date.today().isoformat()}
     return environment.get_template(f"{template}.html.j2").render(**values)
 
 
@@ -48,13 +49,8 @@ def render_diagnosis(template: str, content: dict, **values) -> str:
     """Render a report of a diagnosis, with the content of diagnosis.json as `d` in the template."""
     filters = {"number": number, "within": within, "chance": _chance, "coverage": _coverage, "share": percent}
     filters["feature"] = style.feature_label
-    made = {"colour": COLORS.get(content["verdict"], OTHER_COLOR), "version": __version__, "date": today()}
-    return render(template, filters, strict=False, d=content, **made, **values)
-
-
-def today() -> str:
-    """Return the date, for the note on who made a page."""
-    return date.today().isoformat()
+    colour = COLORS.get(content["verdict"], OTHER_COLOR)
+    return render(template, filters, strict=False, d=content, colour=colour, **values)
 
 
 def number(value: float) -> str:

@@ -7,13 +7,12 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from .. import __version__
 from ..figures import image_quality as figures
 from ..figures import style
 from ..image_quality.measure import ImageQuality
 from ..io.documents import IMAGE_QUALITY, write_document
 from ..io.files import write_csv, write_text
-from .html import number, picture, render, today
+from .html import number, picture, render
 
 
 def write_image_quality(found: ImageQuality, *, document: str, page: str, tables: str, pictures: str) -> None:
@@ -26,11 +25,8 @@ def write_image_quality(found: ImageQuality, *, document: str, page: str, tables
     for name, figure in drawn.items():
         style.save(figure, [Path(pictures) / f"{name}.png"])
     shown = {name: picture(figure) for name, figure in drawn.items()}
-    made = {"version": __version__, "date": today()}
-    write_text(
-        render("image_quality", {"number": number, "with_error": with_error}, d=found.content, pictures=shown, **made),
-        page,
-    )
+    filters = {"number": number, "with_error": with_error}
+    write_text(render("image_quality", filters, d=found.content, pictures=shown), page)
     write_document(found.content, document, IMAGE_QUALITY)
 
 

@@ -19,8 +19,7 @@ from ..io.files import read_csv
 from ..statistics import EXTRACTION
 from ..statistics.extraction_settings import wide_table
 from ..statistics.robustness import between_protocols
-from .answer import TITLES, agreement_text, controls_answer, robustness_answer
-from .extraction import extraction_answer
+from .answer import TITLES, agreement_text, controls_answer, extraction_answer, robustness_answer
 from .html import COLORS, OTHER_COLOR
 from .study import ReportFigure, caption, render_study
 
@@ -57,8 +56,6 @@ def index_page(
         if they are present.
     diagnoses : sequence of Path
         Reports, each next to its diagnosis.json.
-    config : mapping
-        The complete configuration.
     commands : mapping of str to str
         {purpose: command}, next steps first.
     other_pages : mapping of str to str, optional

@@ -22,8 +22,6 @@ def how_to_report(config: Mapping, packages: Mapping[str, str], version: str) ->
         The complete configuration, with defaults.
     packages : mapping of str to str
         {name: version}, with pyradiomics and SOFTWARE.
-    version : str
-        Version of Virtual Phantom.
     """
     sentences = [
         f"We simulated CT scans of {_object(config)} with Virtual Phantom {version} (random seed {config['seed']}).",

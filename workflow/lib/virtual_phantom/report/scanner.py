@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Protocol
 
-from .. import __version__
 from ..diagnosis.residuals.dataset import Prepared
 from ..diagnosis.scanner.scanner import ScannerDiagnosis
 from ..diagnosis.selection.store import write_overlay
 from ..figures import scanner as figures
 from ..io.documents import SCANNER, write_document
 from ..io.files import write_text
-from .html import COLORS, OTHER_COLOR, number, picture, render, today, within
+from .html import COLORS, OTHER_COLOR, number, picture, render, within
 
 
 class ScannerFiles(Protocol):
@@ -24,13 +23,7 @@ class ScannerFiles(Protocol):
 
 
 def write_scanner_results(found: ScannerDiagnosis, prepared: Mapping[str, Prepared], output: ScannerFiles) -> None:
-    """Write scanner.json, physics.yaml and the report.
-
-    Parameters
-    ----------
-    prepared : mapping of str to Prepared
-        By recording.
-    """
+    """Write scanner.json, physics.yaml and the report."""
     content, fit = found.content, found.choice.chosen
     first = next(iter(fit.fits))
     physics = prepared[first].fitter.model.in_study_units(fit.physics, fit.fits[first].nuisance)
@@ -48,7 +41,7 @@ def scanner_page(content: dict) -> str:
     colour = COLORS.get(content["verdict"], OTHER_COLOR)
     filters = {"number": number, "within": within}
     shown = {kind: _parameters(content["recordings"].values(), kind) for kind in ("alone", "own")}
-    shown |= {"removed": removed, "colour": colour, "version": __version__, "date": today()}
+    shown |= {"removed": removed, "colour": colour}
     return render("scanner", filters, d=content | {"recording": content["scanner"]}, **shown)
 
 

@@ -83,8 +83,6 @@ def report_page(
         {title: page} of reports of diagnoses, which are embedded.
     links : mapping of str to str
         {title: address} of related pages.
-    config : mapping
-        The complete configuration.
     """
     sections: dict[str, list] = {}
     for figure in figures:
@@ -130,7 +128,6 @@ def render_study(template: str, config: Mapping, **values) -> str:
         trial=config["trial"],
         TRIAL=style.TRIAL,
         config=yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
-        version=__version__,
         packages=versions,
         **values,
     )

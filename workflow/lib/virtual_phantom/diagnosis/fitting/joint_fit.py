@@ -24,10 +24,9 @@ class JointFit:
     ----------
     effects : tuple of str
         In the order given.
-    physics, errors : dict of str to dict of str to float
-        {effect: {parameter: value or standard error}}, shared by all recordings. In `physics`, parameters of a single
-        scan are neutral, and `errors` omits them. If there are several protocols, `physics` has the parameters of the
-        first recording's protocol, and `errors` has no parameters of a protocol.
+    physics : dict of str to dict of str to float
+        {effect: {parameter: value}}, shared by all recordings. Parameters of a single scan are neutral. Parameters of a
+        protocol are those of the first recording's protocol.
     chi_square : float
         Chi-square of all fitted data and the priors.
     free : int
@@ -39,7 +38,6 @@ class JointFit:
 
     effects: tuple[str, ...]
     physics: dict[str, dict[str, float]]
-    errors: dict[str, dict[str, float]]
     chi_square: float
     free: int
     fits: dict[str, Fit]
@@ -120,11 +118,8 @@ class JointFitter:
             fits[name] = replace(fit, directions=directions)
         first = next(iter(fits.values()))
         physics = {name: {**values, **scan_parameters(name)} for name, values in first.physics.items()}
-        several = len({self.protocols[name] for name in fits}) > 1
-        common = (OF_SCANNER,) if several else NOT_OF_SCAN
-        known = {name: parameters_owned_by(common, name, values) for name, values in first.errors.items()}
         free = len(found.point) - sum(len(own.nuisances) for own in problem.problems.values())
-        return JointFit(first.effects, physics, known, found.chi_square, free, fits)
+        return JointFit(first.effects, physics, found.chi_square, free, fits)
 
     def left_out(self, names: Collection[str], effects: tuple[str, ...], given: JointFit) -> dict[str, Fit]:
         """Fit recordings with physics that was fitted to the others, starting from a joint fit.

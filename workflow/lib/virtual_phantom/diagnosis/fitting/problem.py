@@ -367,8 +367,9 @@ class Problem:
 
     def derivative(self, index: int, point: np.ndarray, residuals: list[np.ndarray]) -> list[np.ndarray]:
         """Return the change of predictions per unit of one number, by part, as a one-sided difference."""
-        if (name := self._name(index)) in self.model.object_errors.names:
-            change = self.model.object_errors.whitened(self.data)[self.model.object_errors.names.index(name)]
+        (effect, name), of_object = self.keys[index], self.model.object_errors
+        if not effect and name in of_object.names:
+            change = of_object.whitened(self.data)[of_object.names.index(name)]
             return self.beside_pattern([change, *(np.zeros_like(part) for part in residuals[1:])])
         step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
         moved = point.copy()
@@ -380,10 +381,6 @@ class Problem:
         """Return the indices of nuisance parameters in a point."""
         known = [number.name for number in self.nuisances]
         return [len(self.unknowns) + known.index(name) for name in names]
-
-    def _name(self, index: int) -> str | None:
-        """Return the name of a nuisance parameter; None for an effect's variable."""
-        return None if index < len(self.unknowns) else self.nuisances[index - len(self.unknowns)].name
 
 
 def nuisance_step(number: Nuisance) -> float:

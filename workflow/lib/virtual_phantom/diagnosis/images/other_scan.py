@@ -1,7 +1,7 @@
 """Another scan of the same object, in place of a description of it.
 
-The mean of some slices is the model, and also an object that is constant along z (as in own_simulation). In the other
-slices, both scans are compared, so that the differences between slices show the noise of both.
+The mean of some slices is the model, and also an object that is constant along z, as in setting.simulated_images. In
+the other slices, both scans are compared, so that the differences between slices show the noise of both.
 """
 
 from __future__ import annotations
@@ -91,11 +91,6 @@ def alternate_slices(count: int, step: int) -> tuple[slice, slice]:
 
     A model with the noise of the compared slices would fit better if an effect smoothed it. Slices at the distance
     `step` have independent noise. Both have the same mean height.
-
-    Parameters
-    ----------
-    count : int
-        Number of slices.
     """
     end = count - (count - 1) % (2 * step)
     return slice(step, end, 2 * step), slice(0, end, 2 * step)

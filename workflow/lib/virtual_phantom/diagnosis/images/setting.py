@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,12 +16,14 @@ from skimage.measure import block_reduce
 
 from ...base.errors import InputError
 from ...base.geometry import Grid, ImageProtocol, OrbitGeometry
+from ...base.names import enumerated, label
 from ...base.streams import Branch, branch
 from ...io.volumes import Volume
 from ...physics.chain import Chain
+from ...physics.effect import acts_on_images
 from ...physics.state import AIR
 from ...reconstruction.images import filters_projections, reconstruct_hu
-from ...recordings.images import ImagesRecording
+from ...recordings.images import ImagesRecording, grid_mismatch
 from ..comparison.agreement import Features
 from ..comparison.regions import ScannedVolume, complete, disc_regions, phantom_regions
 from ..comparison.relevance import agreement_and_changes
@@ -30,12 +33,11 @@ from ..fitting.priors import BASELINE_CONFIG_KEY, declared
 from ..projections.discretization import model_and_floor
 from ..projections.object_errors import StatedObject
 from ..request import DiagnosisRequest, NominalSettings
-from ..scanned_object import MOST_SLICES, scene_of, simulated_object
+from ..scanned_object import MOST_SLICES, read_simulated_images, scene_of, simulated_object
 from ..selection.forward_selection import Choice
 from ..workload import SAMPLES
 from .model import REALIZATIONS
 from .other_scan import alternate_slices, placed
-from .own_simulation import simulated_images
 from .prepared import PreparedImages, prepare
 from .scan import MARGIN_MM, ImagedObject, finer_scan, imaged_object
 
@@ -98,11 +100,6 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     """Prepare the slices of a recording for fits. The center of the images is assumed to be the isocenter.
 
     Slices of an object that is constant along z become repeats of one slice.
-
-    Raises
-    ------
-    InputError
-        If too few slices are seen from all directions.
     """
     protocol, settings, scene = request.protocol, request.settings, scene_of(request)
     if settings.of_phantom:
@@ -162,6 +159,35 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
         filters=filters_projections(protocol.algorithm, protocol.settings),
         uncertain=StatedObject.of(request, scene),
     )
+
+
+def simulated_images(request: DiagnosisRequest, recording: ImagesRecording) -> Volume:
+    """Return the user's own simulation of a recording on its grid, HU. A single slice stands for all.
+
+    Its mean slice is also an object that is constant along z (scanned_object.simulated_object). Effects on raw data
+    change the reconstruction of this object. The model adds this change to the user's slice, and applies effects on
+    images to the sum. Without effects, the model is the user's slice.
+
+    Raises
+    ------
+    InputError
+        If the images cannot be read or are on another grid, or if effects on images are declared.
+    """
+    path, grid = Path(request.settings.simulation), recording.grid
+    contained = [label(name) for name in request.settings.baseline if acts_on_images(name)]
+    if contained:
+        raise InputError(
+            f"{BASELINE_CONFIG_KEY}: simulated images contain {enumerated(contained)} already; remove this entry"
+        )
+    volume = read_simulated_images(path)
+    if len(volume.array) > 1:
+        expected = grid
+    else:
+        middle = (*grid.centre_mm[:2], volume.grid.centre_mm[2])
+        expected = Grid((1, *grid.shape[1:]), (volume.grid.spacing[0], *grid.spacing[1:]), middle)
+    if mismatch := grid_mismatch(volume.grid, expected, path, "the recording"):
+        raise InputError(mismatch)
+    return Volume(np.broadcast_to(volume.array, grid.shape), grid)
 
 
 class ComparedScans(NamedTuple):
@@ -322,7 +348,7 @@ def central_slices(valid: np.ndarray) -> slice:
     full = valid.sum(axis=(1, 2)) == valid.sum(axis=(1, 2)).max()
     count = len(full)
     away = 0
-    while away < count // 2 and full[away : count - away].all() is np.False_:
+    while away < count // 2 and not full[away : count - away].all():
         away += 1
     away = max(away, (count - MOST_SLICES) // 2)
     if count - 2 * away < LEAST_SLICES:

@@ -118,8 +118,9 @@ class Correlations:
         root = np.sign(half) / (abs(half) + np.sqrt(max(half**2 - 1, 0)))
         return float(np.clip(root, -MOST_ROOT, MOST_ROOT))
 
+    @property
     def amplification(self) -> float:
-        """Return the variance of white noise with the same power at low frequencies, relative to a ray's variance."""
+        """Variance of white noise with the same power at low frequencies, relative to a ray's variance."""
         first, memory = self.views
         of_views = max(1 + 2 * first / (1 - memory), LEAST_POWER)
         return float(self.power(1, 2)[0] * self.power(2, 2)[0] * of_views)
@@ -142,11 +143,6 @@ class Correlations:
 
         The correlation is a ratio of two quadratic forms x'Mx, whose covariances are 2 tr(M C M' C). The variance is of
         first order, and the covariance C is a product over the axes.
-
-        Parameters
-        ----------
-        lengths : tuple of 3 int
-            Lengths of all axes.
         """
         if self.white:
             return 1.0
@@ -200,8 +196,6 @@ class Whitening:
 
     Parameters
     ----------
-    correlations : Correlations
-        Correlations of the noise.
     lines : ndarray, shape (views, rows, columns)
         Line integrals, to first order: their transmission is the signal.
     usable : ndarray of bool, shape (views, rows, columns)
@@ -225,11 +219,6 @@ class Whitening:
         read = _lasting(self._pixels(transmission, self._blur), correlations)
         self._read = np.maximum(read, LEAST_POWER * transmission)
         self.counted = self._away_from_missing(usable)
-
-    @property
-    def amplification(self) -> float:
-        """Amplification of the variance of a ray far from the edges."""
-        return self.correlations.amplification()
 
     def variance(self, lines: np.ndarray) -> np.ndarray:
         """Return the variance of whitened noise up to a factor, for line integrals (views, rows, columns)."""

@@ -51,35 +51,24 @@ class MeasurementInformation:
     steps: np.ndarray
 
 
-def measurement_information(
-    problem: Problem, name: str, own: Collection[str] = (), protocol: str = ""
-) -> MeasurementInformation:
-    """Return the information of a measurement about the parameters of its problem, at their start.
-
-    Parameters
-    ----------
-    name : str
-        Name of the measurement.
-    own : collection of str, optional
-        Effects whose parameters belong to one measurement and are not shared.
-    protocol : str, optional
-        Protocol of the measurement, within which parameters of a protocol are shared. Empty: a single protocol.
-    """
+def measurement_information(problem: Problem, keys: tuple[Key, ...]) -> MeasurementInformation:
+    """Return the information of a measurement about the parameters of its problem, at their start."""
     problem.follow(problem.start)
     predicted = -whitened(problem.residuals(problem.start), problem.weights)
     margins = np.stack([problem.low - problem.start, problem.high - problem.start], axis=1)
-    return MeasurementInformation(
-        keys_of(problem, name, own, protocol),
-        changes(problem),
-        predicted,
-        problem.prior_precision,
-        margins,
-        problem.steps,
-    )
+    return MeasurementInformation(keys, changes(problem), predicted, problem.prior_precision, margins, problem.steps)
 
 
-def keys_of(problem: Problem, name: str, own: Collection[str] = (), protocol: str = "") -> tuple[Key, ...]:
-    """Return the keys of the parameters of a measurement; see measurement_information."""
+def keys_of(problem: Problem, name: str, own: Collection[str], protocol: str) -> tuple[Key, ...]:
+    """Return the keys of the parameters of a measurement.
+
+    Parameters
+    ----------
+    own : collection of str
+        Effects whose parameters belong to one measurement and are not shared.
+    protocol : str
+        Protocol of the measurement, within which parameters of a protocol are shared. Empty: a single protocol.
+    """
     owners = [name if unknown.effect in own else unknown.owner(name, protocol) for unknown in problem.unknowns]
     numbers = ((unknown.effect, unknown.name) for unknown in problem.unknowns)
     keys = [(owner, *number) if owner else number for owner, number in zip(owners, numbers, strict=True)]
@@ -215,11 +204,6 @@ def correlation(sums: NormalEquations, one: Sequence[Key], other: Sequence[Key])
 
     This is the largest |cosine| between a parameter of one effect and a parameter of the other; NaN if an effect
     changes nothing.
-
-    Parameters
-    ----------
-    one, other : sequence of tuple of str
-        Keys of the parameters of each effect.
     """
     between = cosines(profiled_information(sums, [*one, *other]))[: len(one), len(one) :]
     return float(np.nanmax(between)) if np.isfinite(between).any() else float("nan")

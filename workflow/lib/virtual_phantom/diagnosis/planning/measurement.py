@@ -122,7 +122,7 @@ class FurtherScan:
         weighed : Fit, optional
             Fit whose noise weights the data, the same for all explanations; None: `fit`.
         protocol : str, optional
-            See information.measurement_information.
+            See information.keys_of.
         """
         problem = self.problem(model, fit, conditions, () if again else own, again, weighed)
         keys = keys_of(problem, self.name, own, protocol)
@@ -131,7 +131,7 @@ class FurtherScan:
             problem.steps = np.array([known[key] for key in keys])
         else:
             problem.steps = self._steps(problem)
-        return measurement_information(problem, self.name, own, protocol)
+        return measurement_information(problem, keys)
 
     def problem(
         self,

@@ -6,7 +6,6 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
-from types import MappingProxyType
 
 import numpy as np
 
@@ -114,8 +113,6 @@ def rank(
     ----------
     prepared : mapping of str to PreparedScans
         By recording. Measurements are modeled like the first.
-    chosen : mapping of str to Fit
-        By recording.
     protocols : mapping of str to str, optional
         By recording. Measurements have the protocol of the first. None: a single protocol.
     """
@@ -317,9 +314,7 @@ def order(ranked: RankedMeasurement) -> tuple[bool, float]:
     return ranked.least is not None and not settles(ranked), -ranked.gain
 
 
-def possible(
-    prepared: Mapping[str, PreparedScans], section: Mapping = MappingProxyType({})
-) -> list[FurtherScan | DarkFrames]:
+def possible(prepared: Mapping[str, PreparedScans], section: Mapping) -> list[FurtherScan | DarkFrames]:
     """Return the candidate measurements for the first recording; `section` is its entry in diagnosis.recordings."""
     chain = next(iter(prepared.values())).fitter.model.chain
     return candidate_measurements(chain.geometry, chain.scene, section)

@@ -58,12 +58,7 @@ def _row(ranked: RankedMeasurement) -> dict:
 
 
 def similarity_table(alike: Mapping[Pair, Mapping[str, float]]) -> pd.DataFrame:
-    """Return |correlation| of every two effects, the most similar first.
-
-    Parameters
-    ----------
-    alike : mapping
-        Result of ranking.effect_similarity.
+    """Return |correlation| of every two effects (ranking.effect_similarity), the most similar first.
 
     Returns
     -------

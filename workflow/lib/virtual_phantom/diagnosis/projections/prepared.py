@@ -241,11 +241,6 @@ def prepare(
     first : Fit, optional
         Fit without effects, at which errors of the object and of edges are linearized, and from which other fits begin;
         None: these are the expected values.
-
-    Raises
-    ------
-    InputError
-        If the repeats do not vary.
     """
     stated, place = before_images(stated_physics(declared or {})), pose_of(location or {})
     taken, noise = first_noise(taken, chain, stated, place, anode, step)
@@ -283,7 +278,7 @@ def prepare(
         scatter = 2 / np.maximum(freedom, 1)
         data, held_out = (replace(half, weighed=scatter) for half in (data, held_out))
         if data.whitening is not None:
-            weighed = weighed * data.whitening.amplification
+            weighed = weighed * data.whitening.correlations.amplification
 
     aligned = nuisances(
         # The noise of a single repeat is not fitted, so the photons need a prior.
@@ -328,7 +323,9 @@ def _weighed(variance: np.ndarray, data: ObservedScans, clean: np.ndarray) -> np
         Variance of one repeat, and line integrals, of the first model.
     """
     white = data.whitening
-    return variance if white is None else variance * np.exp(-clean) * white.variance(clean) * white.amplification
+    if white is None:
+        return variance
+    return variance * np.exp(-clean) * white.variance(clean) * white.correlations.amplification
 
 
 def _of_one_repeat(
@@ -369,5 +366,5 @@ def _of_one_repeat(
     with np.errstate(invalid="ignore", divide="ignore"):
         level = square / np.where(freedom > FEWEST, freedom - 2, freedom)
     if not correlations.white:
-        level = level / white.amplification
+        level = level / white.correlations.amplification
     return shape * blocks.spread(filled(level)), freedom

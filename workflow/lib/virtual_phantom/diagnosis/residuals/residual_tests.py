@@ -150,15 +150,11 @@ def noise_tests(
     ----------
     pairs : list of str
         Names of the correlated neighbors.
-    axes : tuple of 3 str
-        Names of the data's axes.
     fitted : HalfResiduals, optional
         The fitted data, if `half` is held-out data.
     uncertain : sequence of ndarray, shape (directions, data), optional
         By part, changes of the data by one standard error of the fitted parameters. None: the noise of the fitted data
         is used instead.
-    step : int, optional
-        See `blocks`.
     """
     residuals, weights, data = half.residuals, half.weights, half.data
     if data.variance is None:
@@ -300,8 +296,6 @@ def blocks(
     Parameters
     ----------
     z : ndarray, shape (blocks,)
-    axes : tuple of 3 str
-        Names of the data's axes.
     weighed : ndarray, shape (blocks,), or float, optional
         Relative variance of the weights behind z.
     step : int, optional

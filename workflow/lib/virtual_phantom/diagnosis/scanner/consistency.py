@@ -237,7 +237,7 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
     """Return the information of a recording's own fit about shared parameters, all others profiled out."""
     size, excess = len(shared), max(1.0, fit.chi_square / scan.problem.count)
     inside = np.isin(scan.places, shared)
-    whole = scan.information + np.diag(np.where(inside, 0.0, scan.prior_precision))
+    whole = scan.information + np.diag(np.where(inside, 0.0, scan.problem.prior_precision))
     here, own = np.flatnonzero(inside), np.flatnonzero(~inside)
     there = np.searchsorted(shared, scan.places[here])
     taken = whole[np.ix_(here, own)] @ ScaledEigenvalues.of(whole[np.ix_(own, own)]).covariance
@@ -254,7 +254,8 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
         unknown = scan.problem.unknowns[index]
         values[place] = unknown.of(fit.physics[unknown.effect][unknown.name])
         # At the minimum, the gradients of data and prior balance.
-        score[place] = scan.prior_precision[index] * (values[place] - scan.problem.center[index]) / excess
+        pull = scan.problem.prior_precision[index] * (values[place] - scan.problem.center[index])
+        score[place] = pull / excess
     score += information @ values
     pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}
     return _Shared(score, information, pulls, [marginal(pull) for pull in scan.own], excess)

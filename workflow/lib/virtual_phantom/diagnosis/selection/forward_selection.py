@@ -116,7 +116,7 @@ def choose(
     candidates: Sequence[str],
     processes: int = 1,
     accuracy: Mapping[str, float] | None = None,
-    kept: FitCache | None = None,
+    cache: FitCache | None = None,
     progress: DiagnosisProgress | None = None,
     alone: Mapping[str, Screened] | None = None,
 ) -> Choice:
@@ -126,7 +126,7 @@ def choose(
     ----------
     baseline : Trial
         Nuisance parameters alone.
-    processes, kept
+    processes, cache
         As for `trials`.
     accuracy : mapping of str to float, optional
         Relative error of the models, {effect: share of its own change of the data}, with `default` for other effects
@@ -139,7 +139,7 @@ def choose(
     # Fits from other starts stay out of the cache, which holds one fit for each set of effects.
     refit = partial(trials, fitter, processes=processes, progress=progress, final=False)
     screen = partial(screened, fitter, processes=processes, progress=progress)
-    fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, kept=kept), screen)
+    fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, cache=cache), screen)
     fits.alone = fits.filters(baseline.fit, fits.others(())) if alone is None else alone
     return ForwardSelection(fits).run()
 

@@ -18,7 +18,7 @@ def trials(
     fitter: Fitter,
     tasks: Sequence[tuple],
     processes: int = 1,
-    kept: FitCache | None = None,
+    cache: FitCache | None = None,
     progress: DiagnosisProgress | None = None,
     final: bool = True,
 ) -> list[Trial]:
@@ -28,27 +28,20 @@ def trials(
     ----------
     tasks : sequence of tuple
         (effects, given, against, needed), as `trial` takes them; all but the first are optional.
-    processes : int, optional
-        Maximum number of processes.
-    kept : FitCache, optional
-        Cache that trials are read from and written to.
+    cache : FitCache, optional
+        Trials are read from it and written to it.
     final : bool, optional
         As Fitter.fit.
-
-    Raises
-    ------
-    InputError
-        As `run_parallel`.
     """
 
     def make(*task) -> Trial:
         found = trial(fitter, *task, final=final)
-        if kept is not None:
-            kept.put(found, *task)
+        if cache is not None:
+            cache.put(found, *task)
         LOGGER.info("fitted %s: log score %.1f", " and ".join(task[0]) or "the alignment", found.score)
         return found
 
-    made = [None if kept is None else kept.get(*task) for task in tasks]
+    made = [None if cache is None else cache.get(*task) for task in tasks]
     missing = [task for task, found in zip(tasks, made, strict=True) if found is None]
     done = progress.begin(FITTED, len(missing)) if progress is not None and missing else None
     fresh = iter(run_parallel(make, missing, processes, done))

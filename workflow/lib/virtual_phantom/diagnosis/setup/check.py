@@ -20,8 +20,8 @@ from ..fitting.nuisance import PLACE, SURE, nuisances
 from ..projections.observed import Scans, scans
 from ..projections.own_simulation import scene_of_scan
 from ..request import DiagnosisRequest
-from ..verdict.verdict import Diagnosis
-from ..verdict_text import SETUP_VERDICTS, setup_lines, with_verdict_text
+from ..verdict.verdict import Diagnosis, unfitted_diagnosis
+from ..verdict_text import SETUP_VERDICTS, setup_lines
 from .data_checks import copied_repeats, outlying_repeat, wrong_illumination
 from .finding import AS_STATED, DESCRIPTION, MOST, SetupResult, find
 from .located import locate
@@ -92,23 +92,10 @@ def _mistakes_of_data(recording: ProjectionsRecording, taken: Scans) -> dict[str
 def setup_diagnosis(found: SetupResult, recording: Recording, request: DiagnosisRequest) -> Diagnosis:
     """Return the diagnosis of a recording whose set-up or object is wrong; no effect is fitted."""
     scanned = "the study's phantom" if request.settings.of_phantom else object_text(request)
-    content = {
-        "recording": recording.name,
-        "verdict": SETUP_VERDICTS[found.kind],
-        "locations": [],
-        "effects": [],
-        "ambiguous_with": {},
-        "ruled_out": {},
-        "fit": {},
-        "held_out": {},
-        "excess_removed": None,
-        "unexplained": [],
-        "next_measurement": [],
-        "held_out_data": "none",
-        "modelled": {"object": object_text(request), "scan": scan_text(request, recording)},
-        "setup": found.content,
-    }
-    return Diagnosis(None, [], [], with_verdict_text(content, setup_lines(found.content, scanned)), setup=found)
+    lines = setup_lines(found.content, scanned)
+    modelled = {"object": object_text(request), "scan": scan_text(request, recording)}
+    more = {"modelled": modelled, "setup": found.content}
+    return unfitted_diagnosis(recording.name, SETUP_VERDICTS[found.kind], lines, found, **more)
 
 
 def write_setup(content: Mapping, path: str | Path) -> None:

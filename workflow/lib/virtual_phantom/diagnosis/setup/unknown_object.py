@@ -19,8 +19,8 @@ from ...recordings.projections import BITS_8, CLIPPED, Projections, ProjectionsR
 from ...recordings.recording import Recording
 from ...recordings.scan import ELEMENT, UNKNOWN
 from ..projections.observed import MEDIAN_SQUARE, Scans, scans
-from ..verdict.verdict import Diagnosis
-from ..verdict_text import VerdictLine, with_verdict_text
+from ..verdict.verdict import Diagnosis, unfitted_diagnosis
+from ..verdict_text import VerdictLine
 from .consistency import centroid_shift, opposite_rays, parallel_views, sums_of_views
 from .data_checks import noise_by_transmission, smooth_transmission
 
@@ -88,19 +88,11 @@ def unknown_object_diagnosis(recording: Recording) -> Diagnosis:
         *([VerdictLine("Measured", "; ".join(rest))] if rest else []),
         VerdictLine("Next", "; then ".join(facts)),
     ]
-    content = {
-        "recording": recording.name,
-        "verdict": OBJECT_UNKNOWN,
-        **{key: [] for key in ("locations", "effects", "unexplained", "next_measurement")},
-        **{key: {} for key in ("ambiguous_with", "ruled_out", "fit", "held_out")},
-        "excess_removed": None,
-        "held_out_data": "none",
-        "data_checks": [
-            {"subject": finding.subject, "text": finding.text, "wrong": bool(finding.wrong), "values": finding.values}
-            for finding in findings
-        ],
-    }
-    return Diagnosis(None, [], [], with_verdict_text(content, lines), setup=maps)
+    checks = [
+        {"subject": finding.subject, "text": finding.text, "wrong": bool(finding.wrong), "values": finding.values}
+        for finding in findings
+    ]
+    return unfitted_diagnosis(recording.name, OBJECT_UNKNOWN, lines, maps, data_checks=checks)
 
 
 def _unknown(recording: Recording, findings: list[DataFinding]) -> list[str]:

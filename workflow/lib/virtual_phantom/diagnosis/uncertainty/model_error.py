@@ -196,8 +196,6 @@ class ModelErrorInfluence:
         Positions of its numbers among the numbers of all recordings.
     information : ndarray, shape (numbers, numbers)
         Information of its data, without priors.
-    prior_precision : ndarray, shape (numbers,)
-        Inverse prior variances; for shared numbers, the mean over the recordings is used.
     pulls : dict of (str, int or str) to ndarray, shape (numbers,)
         {(model, shape): J'd}, and {(UNEXPLAINED, 0): change of J'd if these data get larger errors}.
     own : list of ndarray, shape (numbers,)
@@ -208,7 +206,6 @@ class ModelErrorInfluence:
     fit: Fit
     places: np.ndarray
     information: np.ndarray
-    prior_precision: np.ndarray
     pulls: dict[tuple[str, int | str], np.ndarray]
     own: list[np.ndarray]
 
@@ -229,7 +226,7 @@ class ModelErrorInfluence:
         information = weighted.T @ changes
         pulls |= {key: weighted.T @ change for key, change in _distortions(problem, fit, without, accuracy)}
         own = [weighted.T @ change for _, change in _of_steps(problem, fit, accuracy)]
-        return cls(problem, fit, places, information, problem.prior_precision, pulls, own)
+        return cls(problem, fit, places, information, pulls, own)
 
     @property
     def alone(self) -> ModelErrorInfluence:
@@ -260,7 +257,8 @@ def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
     for scan in scans:
         places = scan.places
         information[np.ix_(places, places)] += scan.information
-        prior_precision[places] += scan.prior_precision / times[places]  # the prior of a shared number counts once
+        # The prior of a shared number counts once: it is the mean over the recordings.
+        prior_precision[places] += scan.problem.prior_precision / times[places]
         for key, pull in scan.pulls.items():
             pulls.setdefault(key, np.zeros(count))[places] += pull
         for pull in scan.own:

@@ -27,13 +27,7 @@ FAR, NOISE = 100.0, 3.0
 
 
 def differing(found: Sequence[Change], least: float = LEAST_GAIN) -> Change | None:
-    """Return the local object mismatch if it is significant and explains more held-out data than any other change.
-
-    Parameters
-    ----------
-    found : sequence of Change
-        Result of unmodeled.changes.
-    """
+    """Return the local object mismatch if it is significant and explains more held-out data than any other change."""
     piece = _piece(found)
     if piece is None or piece.p * len(found) > ALPHA or piece.gain < least:
         return None

@@ -192,8 +192,6 @@ def kinds_test(found: list[Change], least_gain: float) -> list[DomainTest]:
 
     Parameters
     ----------
-    found : list of Change
-        Result of `changes`.
     least_gain : float
         Log score. Kinds with a smaller gain may come from model errors and are not significant.
     """
@@ -212,8 +210,6 @@ def better_changes(choice: Choice, found: Mapping[str, list[Change]], least: flo
     ----------
     found : mapping of str to list of Change
         {effect: `changes` of the fit without it}.
-    least : float
-        Least difference in log score.
     """
     beaten = {}
     for effect, kinds in found.items():

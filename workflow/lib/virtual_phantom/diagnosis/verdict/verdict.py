@@ -19,7 +19,15 @@ from ..residuals.residual_tests import EDGES, DomainTest, alignment_tests
 from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
-from ..verdict_text import MATCH, UNEXPLAINED, effect_name, recording_lines, shortened, with_verdict_text
+from ..verdict_text import (
+    MATCH,
+    UNEXPLAINED,
+    VerdictLine,
+    effect_name,
+    recording_lines,
+    shortened,
+    with_verdict_text,
+)
 from .object_alternative import imitating_effects, object_alternatives
 from .object_mismatch import content_of, excess
 from .unmodeled import ChangesOfFits, better_changes, kinds_test
@@ -76,14 +84,10 @@ def diagnose(
 
     Parameters
     ----------
-    recording : str
-        Name of the recording.
     pieces : sequence of Change, optional
         Pieces of the object that were corrected before the fit.
     changes : ChangesOfFits, optional
         Cache that holds the changes computed in the selection.
-    tried : sequence of str, optional
-        Candidate effects.
     """
     fitter, changes = prepared.fitter, changes or ChangesOfFits()
 
@@ -159,6 +163,29 @@ def diagnose(
     return Diagnosis(choice, before, after, with_verdict_text(content, recording_lines(content)), prepared)
 
 
+def unfitted_diagnosis(
+    recording: str, verdict: str, lines: Sequence[VerdictLine | None], shown: Any, **content
+) -> Diagnosis:
+    """Return the diagnosis of a recording to which nothing was fitted.
+
+    Parameters
+    ----------
+    shown : SetupResult or DataMaps
+        Result of the checks, whose maps the report shows.
+    **content
+        Further content of diagnosis.json.
+    """
+    empty = {
+        "recording": recording,
+        "verdict": verdict,
+        **{key: [] for key in ("locations", "effects", "unexplained", "next_measurement")},
+        **{key: {} for key in ("ambiguous_with", "ruled_out", "fit", "held_out")},
+        "excess_removed": None,
+        "held_out_data": "none",
+    }
+    return Diagnosis(None, [], [], with_verdict_text(empty | content, lines), setup=shown)
+
+
 def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[DomainTest]) -> float | None:
     """Return the share of the held-out chi-square beyond noise that the effects remove; None if they remove nothing.
 
@@ -228,11 +255,6 @@ def rms_of(prepared: Prepared, fits: Mapping[str, Fit], held_out: bool) -> dict[
 
 def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     """Return the goodness of fit with alignment alone and with the chosen effects.
-
-    Parameters
-    ----------
-    held_out : bool
-        Whether to use held-out data; else fitted data.
 
     Returns
     -------
