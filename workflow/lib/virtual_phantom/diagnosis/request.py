@@ -68,7 +68,13 @@ class DiagnosisRequest:
         return replace(self, energy_kev=energy, mu_water_per_mm=float(water))
 
     def alignment(self, nominal: Mapping) -> dict[str, float]:
-        """Return the stated priors of line integrals; the scale has a wide one if the energy of a disc is assumed."""
+        """Return the stated priors of line integrals, with a wide one of the scale if the energy of a disc is assumed.
+
+        Parameters
+        ----------
+        nominal : mapping
+            Section of recording.yaml.
+        """
         homogeneous = self.settings.disc is not None or isinstance(self.settings.object, MaskedObject)
         assumed = homogeneous and not {"energy_kev", "tube_kvp"} & set(nominal)
         return ({"scale": ASSUMED_ENERGY_SD} if assumed else {}) | self.settings.alignment

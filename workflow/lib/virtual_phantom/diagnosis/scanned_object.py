@@ -151,6 +151,11 @@ def mask_scene(
     ----------
     mask : str or Path
         Image of volume fractions (0 to 1), with its center at the isocenter.
+
+    Raises
+    ------
+    InputError
+        If the mask is missing, broken, empty, or holds values outside 0 to 1.
     """
     volume = read_mask(mask)
     return labelled_scene(LabelMap(volume.array[None], volume.grid, (material,)), energy_kev, threads)

@@ -170,6 +170,11 @@ def prepare(
         See PreparedImages.
     filters : bool, optional
         Whether `reconstruct` takes `mtf`, as reconstruction.images.reconstruct_hu does; else images are filtered.
+
+    Raises
+    ------
+    InputError
+        If the repeats do not vary.
     """
     of_slices = slices_variance is not None
     given = {"offset": OFFSET_SD_HU} | ({"size": SIZE_SD} if of_slices else {}) | (known or {})

@@ -100,6 +100,11 @@ def prepare_images(recording: ImagesRecording, request: DiagnosisRequest, nomina
     """Prepare the slices of a recording for fits. The center of the images is assumed to be the isocenter.
 
     Slices of an object that is constant along z become repeats of one slice.
+
+    Raises
+    ------
+    InputError
+        If too few slices are seen from all directions.
     """
     protocol, settings, scene = request.protocol, request.settings, scene_of(request)
     if settings.of_phantom:

@@ -204,6 +204,11 @@ def correlation(sums: NormalEquations, one: Sequence[Key], other: Sequence[Key])
 
     This is the largest |cosine| between a parameter of one effect and a parameter of the other; NaN if an effect
     changes nothing.
+
+    Parameters
+    ----------
+    one, other : sequence of tuple of str
+        Keys of the parameters of each effect.
     """
     between = cosines(profiled_information(sums, [*one, *other]))[: len(one), len(one) :]
     return float(np.nanmax(between)) if np.isfinite(between).any() else float("nan")

@@ -113,6 +113,8 @@ def rank(
     ----------
     prepared : mapping of str to PreparedScans
         By recording. Measurements are modeled like the first.
+    chosen : mapping of str to Fit
+        By recording.
     protocols : mapping of str to str, optional
         By recording. Measurements have the protocol of the first. None: a single protocol.
     """

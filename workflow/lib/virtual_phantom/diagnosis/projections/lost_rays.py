@@ -44,7 +44,12 @@ def check_scans(taken: Scans, source: str) -> None:
 
 
 def lost_rays_remark(usable: np.ndarray) -> list[str]:
-    """Return a remark for the report on ignored rays, as a list; empty if these are few."""
+    """Return a remark for the report on ignored rays, as a list; empty if these are few.
+
+    Parameters
+    ----------
+    usable : ndarray of bool, shape (views, rows, columns)
+    """
     lost = 1 - usable.mean()
     if lost <= MENTIONED_LOST:
         return []

@@ -241,6 +241,11 @@ def prepare(
     first : Fit, optional
         Fit without effects, at which errors of the object and of edges are linearized, and from which other fits begin;
         None: these are the expected values.
+
+    Raises
+    ------
+    InputError
+        If the repeats do not vary.
     """
     stated, place = before_images(stated_physics(declared or {})), pose_of(location or {})
     taken, noise = first_noise(taken, chain, stated, place, anode, step)

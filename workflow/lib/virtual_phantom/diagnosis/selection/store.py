@@ -48,7 +48,13 @@ class DiagnosisFiles(Protocol):
 def write_diagnosis(
     output: DiagnosisFiles, content: dict, overlay: dict, page: str, maps: Mapping[str, np.ndarray]
 ) -> None:
-    """Write the files of a diagnosis: diagnosis.json, physics.yaml (`overlay`), the report and maps by domain."""
+    """Write the files of a diagnosis: diagnosis.json, physics.yaml, the report and maps by domain.
+
+    Parameters
+    ----------
+    overlay : dict
+        Content of physics.yaml, a configuration of the study.
+    """
     folder = Path(output.maps)
     folder.mkdir(parents=True, exist_ok=True)
     for domain, values in maps.items():

@@ -60,6 +60,8 @@ def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Descripti
 
     Parameters
     ----------
+    scan : mapping
+        The scan section of recording.yaml.
     log : bool
         Whether the recording has line integrals; otherwise it has counts with dark and flat fields.
     largest : float

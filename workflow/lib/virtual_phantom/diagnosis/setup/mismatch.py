@@ -287,7 +287,13 @@ class Comparison:
         return abs(np.log(max(found.scale, 1e-9))) < max(SCALED, self._reach.get("scale", 0.0))
 
     def rays(self, description: Description) -> Rays:
-        """Return the pixels that are compared."""
+        """Return the pixels that are compared.
+
+        Raises
+        ------
+        InputError
+            For impossible lengths.
+        """
         whole = scan_geometry(dict(description.scan), "scan", self._not_checked)
         views, rows, columns = self._steps((whole.views, whole.rows, whole.columns))
         thinned = {}

@@ -256,6 +256,11 @@ def rms_of(prepared: Prepared, fits: Mapping[str, Fit], held_out: bool) -> dict[
 def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     """Return the goodness of fit with alignment alone and with the chosen effects.
 
+    Parameters
+    ----------
+    held_out : bool
+        Whether to use held-out data; else fitted data.
+
     Returns
     -------
     dict of str to dict of str to float
