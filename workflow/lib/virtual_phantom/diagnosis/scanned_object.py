@@ -77,6 +77,11 @@ def simulated_slice(request: DiagnosisRequest, which: slice = slice(None)) -> Vo
     ----------
     which : slice, optional
         Slices that are averaged, among those that show the object.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
     """
     volume = request.other_scan or read_simulated_images(request.settings.simulation)
     count = len(volume.array)

@@ -101,7 +101,13 @@ def _symmetric(count: int, half: int, binned: int) -> slice:
 
 
 def scan_of_images(recording: ImagesRecording, request: DiagnosisRequest) -> ImageProtocol:
-    """Return the scan and reconstruction that simulate images of an object."""
+    """Return the scan and reconstruction that simulate images of an object.
+
+    Raises
+    ------
+    InputError
+        See `imaged_object`.
+    """
     grid = recording.grid
     imaged = imaged_object(request, grid)
     away = math.hypot(*(request.settings.location.get(axis, 0.0) for axis in ("x_mm", "y_mm")))

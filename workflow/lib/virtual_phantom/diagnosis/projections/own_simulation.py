@@ -39,7 +39,13 @@ PATH_LENGTHS = "path_lengths_mm"  # group of a simulation's file
 
 
 def scene_of_scan(request: DiagnosisRequest, recording: ProjectionsRecording) -> Scene:
-    """Return the scene of a recording of projections: its object, or the user's own simulation."""
+    """Return the scene of a recording of projections: its object, or the user's own simulation.
+
+    Raises
+    ------
+    InputError
+        As scene_of and simulated_scene.
+    """
     return scene_of(request) if request.settings.simulation is None else simulated_scene(request, recording)
 
 
