@@ -13,7 +13,7 @@ from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.names import label
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
-from virtual_phantom.proof.hiding.truth import EQUATIONS
+from virtual_phantom.proof.hiding.hidden_effect import EQUATIONS
 from virtual_phantom.proof.scoring.record import class_table, table_of
 from virtual_phantom.statistics.proof_record import read_proof_record
 

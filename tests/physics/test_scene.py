@@ -38,7 +38,7 @@ def test_path_lengths_equal_the_projector(scene, rows, pitch_mm, more):
     geometry = scan(rows, pitch_mm, **more)
     projector = CpuProjector(geometry, GRID)
     found = scene.path_lengths(geometry)
-    for one, volume in zip(found, scene._fractions, strict=True):
+    for one, volume in zip(found, scene.amounts, strict=True):
         expected = projector.unpack_projections(projector.forward(projector.pack_volume(volume[None])))[0]
         assert expected.any()
         np.testing.assert_allclose(one, expected, atol=3e-6 * expected.max())

@@ -16,8 +16,8 @@ from proof_suite import DIAGNOSES, TRUTHS, diagnosis, judged, truth, write_suite
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
 from virtual_phantom.proof.hiding import seal
+from virtual_phantom.proof.hiding.hidden_effect import EQUATIONS
 from virtual_phantom.proof.hiding.suite import check_recordings
-from virtual_phantom.proof.hiding.truth import EQUATIONS
 from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
 from virtual_phantom.proof.scoring.real import minutes, row

@@ -23,7 +23,7 @@ from virtual_phantom.io.files import DISK_PROBLEMS
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.catalogue import MODELS, never_hidden
-from virtual_phantom.proof.hiding.truth import EQUATIONS
+from virtual_phantom.proof.hiding.hidden_effect import EQUATIONS
 from virtual_phantom.proof.scoring import registration
 from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.record import coverage_table, filled, table_of

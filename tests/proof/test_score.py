@@ -11,7 +11,7 @@ from virtual_phantom.base.errors import InputError, InputErrors
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding.case import Case, checked
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
-from virtual_phantom.proof.hiding.truth import EQUATIONS
+from virtual_phantom.proof.hiding.hidden_effect import EQUATIONS
 from virtual_phantom.proof.scoring.collect import collect, collect_verdicts
 from virtual_phantom.proof.scoring.headline import headline
 from virtual_phantom.proof.scoring.intervals import share, share_of

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..base.console import note
 from ..base.errors import InputError, InputErrors
-from ..base.geometry import PARALLEL, parallel_beam
+from ..base.geometry import with_beam
 from ..base.home import expand_home
 from ..base.settings import from_mapping
 from ..io.published import FOLDER, OLD_FOLDER, resources_folder
@@ -183,19 +183,14 @@ def inspect_config(settings: Mapping) -> tuple[list[str], dict]:
             level["A"] = 1 / level.pop("photons")
     rest["scans"] = {}
     if "scan" in rest:
-        rest["scans"] = {name: _with_beam(rest["scan"] | changes) for name, changes in scans.items()}
-        rest["scan"] = _with_beam(rest["scan"])
+        rest["scans"] = {name: with_beam(rest["scan"] | changes) for name, changes in scans.items()}
+        rest["scan"] = with_beam(rest["scan"])
     lines = [mistake.line for mistake in found] + list(Rules(rest, Names.of(settings)).lines())
     try:
         rest["proof"]["seed"] = seed_of(rest["proof"]["seed"])
     except InputError as error:  # without a seed, there are no cases to check
         return [*dict.fromkeys(lines), str(error)], {}
     return list(dict.fromkeys(lines)), rest
-
-
-def _with_beam(scan: dict) -> dict:
-    """Return a complete scan section; with `beam: parallel`, the distances of `parallel_beam` replace its own."""
-    return scan | (parallel_beam() if scan["beam"] == PARALLEL else {})
 
 
 def _take_public_scans(config: dict) -> None:

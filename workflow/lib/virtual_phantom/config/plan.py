@@ -9,11 +9,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
+from ..base.data import RESOURCES
+from ..base.errors import InputError
 from ..base.settings import ScanSettings, SirtSettings, to_mapping
 from ..features.variations import Variation, variations
+from ..io.yaml_files import read_yaml
+from ..physics.scenes.object_files import object_path
 from ..statistics import MINIMUM_REPEATS
 from .settings import Analyses, Effects, Protocol, Study
-from .tissue_classes import tissue_classes
 
 # Keys that are newer than the saved scores. With these values, which give the results before the keys, they are not
 # part of the hash of the settings.
@@ -247,8 +250,18 @@ class Plan:
 
     @cached_property
     def tissue_classes(self) -> dict[str, str]:
-        """{ROI: tissue class}; empty if a file of the phantom has an error."""
-        return tissue_classes(self.study.phantom)
+        """{ROI: tissue class}; empty if a file of the phantom has an error, which other checks report."""
+        phantom = self.study.phantom
+        if phantom.source == "ct":
+            return {name: roi.tissue_class for roi in phantom.ct.rois for name in roi.names}
+        if phantom.source == "object" and phantom.object.rois:
+            return {roi.name: roi.tissue_class for roi in phantom.object.rois}
+        try:
+            path = object_path(phantom.object.kind) if phantom.source == "object" else phantom.layout
+            rois = read_yaml(path or RESOURCES / "phantom.yaml", "give a file with rois")["rois"]
+            return {str(roi["name"]): str(roi["tissue_class"]) for roi in rois}
+        except (InputError, AttributeError, KeyError, TypeError):
+            return {}
 
     @property
     def compares_protocols(self) -> bool:

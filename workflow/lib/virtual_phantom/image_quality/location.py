@@ -144,7 +144,7 @@ def locate(images: np.ndarray, spacing: Sequence[float], known: Layout) -> Locat
             f"image quality: the inserts are not found (correlation {score:.2f}); check the object and its slices"
         )
     for _ in range(2):  # wires are searched near positions that the larger inserts give
-        nominal = [_turned(one, roll, mirrored) for one in known.inserts]
+        nominal = [turned(one.x, one.y, roll, mirrored) for one in known.inserts]
         seen = tuple(
             _centered(mean, spacing, middle, replace(one, x=position.real, y=position.imag))
             for one, position in zip(known.inserts, nominal, strict=True)
@@ -176,9 +176,9 @@ def roll_of_inserts(
     return max((*best_roll(smooth, spacing, center, seen, hu), mirrored) for seen, mirrored in views)
 
 
-def _turned(one: Insert, roll_deg: float, mirrored: bool) -> complex:
-    """Return the position x + iy of an insert in an object that is mirrored and rotated."""
-    return complex(-one.x if mirrored else one.x, one.y) * np.exp(1j * np.radians(roll_deg))
+def turned(x: float, y: float, roll_deg: float, mirrored: bool) -> complex:
+    """Return x + iy of a position or direction in an object that is mirrored and rotated."""
+    return complex(-x if mirrored else x, y) * np.exp(1j * np.radians(roll_deg))
 
 
 def _centered(plane: np.ndarray, spacing: Sequence[float], center: Sequence[float], one: Insert) -> Insert:

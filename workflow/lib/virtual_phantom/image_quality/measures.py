@@ -24,7 +24,7 @@ from ..recordings.in_plane import around, at
 from ..statistics.image_quality import mean_frequency, noise_contrasts, tile_spectrum, tiles
 from ..statistics.jackknife import standard_error
 from ..statistics.resolution import EdgeBins, EdgeMtf, first_below
-from .location import NOISE_MARGIN_MM, REFERENCE_KEV, Insert, Layout, Location, along_z, nominal_hu
+from .location import NOISE_MARGIN_MM, REFERENCE_KEV, Insert, Layout, Location, along_z, nominal_hu, turned
 
 LEAST_INSERT_VOXELS = 6.0  # radius of an insert, in voxels, from which HU and TTF are measured
 WIRE_VOXELS = 0.75  # largest radius of a wire, in voxels
@@ -326,15 +326,11 @@ def _diameter(shape: Shape, center: np.ndarray) -> float:
     return 2 * float(np.sqrt(max(-(point @ shape.quadric @ point), 0.0)))
 
 
-def _in_image(found: Location, vector: np.ndarray) -> complex:
-    """Return a direction or position x + iy of the object as it is in the image, relative to the center."""
-    return complex(-vector[0] if found.mirrored else vector[0], vector[1]) * np.exp(1j * np.radians(found.roll_deg))
-
-
 def _ramp(images, spacing, found, middle, axis, length, z) -> list[np.ndarray]:
     """Return the profile along z of a ramp in every slice that shows its middle part."""
     slope = abs(axis[2]) / np.hypot(*axis[:2])  # mm along z per mm in the plane
-    start, along = _in_image(found, middle), _in_image(found, axis) / np.hypot(*axis[:2])
+    start, along = (turned(*vector[:2], found.roll_deg, found.mirrored) for vector in (middle, axis))
+    along /= np.hypot(*axis[:2])
     half = length / 2 * np.hypot(*axis[:2])
     pixel = max(spacing[1:])
     u = np.arange(-half, half + 1e-9, pixel / 4)
@@ -356,7 +352,7 @@ def _ramp(images, spacing, found, middle, axis, length, z) -> list[np.ndarray]:
 
 def _bead(images, spacing, found, center, z) -> list[np.ndarray]:
     """Return the profile along z of a bead, if it is in the images."""
-    position = _in_image(found, center)
+    position = turned(*center[:2], found.roll_deg, found.mirrored)
     sums, error = [], 0.0
     for plane, (x, y) in zip(images, found.centers, strict=True):
         _, _, distance = around(plane.shape, spacing, (x + position.real, y + position.imag))

@@ -273,7 +273,7 @@ class Chain:
             As in GridScene.path_lengths.
         beam : Spectrum, optional
             None: the monochromatic beam.
-        added : tuple of tuple of AddedShape and float, optional
+        added : tuple of tuple of Inclusion and float, optional
             As State.added.
 
         Returns

@@ -373,13 +373,7 @@ def _image_effects(known: tuple[str, ...]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class FilterFactor:
-    """Factor of the MTF by an effect at given values.
-
-    Attributes
-    ----------
-    effect : str
-    values : tuple of (str, float)
-    """
+    """Factor of the MTF by an effect at given values."""
 
     effect: str
     values: tuple[tuple[str, float], ...]

@@ -6,15 +6,13 @@ scans.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ..base.geometry import ScanGeometry
 from ..base.mounting import AS_STATED, Mounting
-from ..base.pose import Pose
 from .beam.sensors import Sensor
 from .beam.spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
 
@@ -29,18 +27,7 @@ UNCORRECTED = (0.0, 0.0)  # correction polynomial that does not change line inte
 CORRECTION_LIMIT = 10.0  # line integral above which the polynomial is extrapolated linearly, as vendors' tables end
 MAX_VARIANCE = 0.2  # variance of line integrals up to which the series for the moments of the logarithm converges
 
-
-class AddedShape(Protocol):
-    """A shape inside the scanned object, such as inclusion.Inclusion; `shape` is a shapes.Shape."""
-
-    key: Hashable
-    shape: Any
-
-    def lengths_mm(self, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> np.ndarray:
-        """As Inclusion.lengths_mm."""
-
-
-Inclusions = tuple[tuple[AddedShape, float], ...]  # shapes, and their excess attenuation in 1/mm
+Inclusions = tuple[tuple[Any, float], ...]  # inclusion.Inclusion, and its excess attenuation in 1/mm
 
 
 @dataclass
@@ -60,7 +47,7 @@ class State:
         optical part of the Swank factor) is included only as a lower number of photons.
     motion_mm : ndarray, shape (views, 3), or None
         Displacement of the object (x, y, z), mm.
-    added : tuple of tuple of AddedShape and float
+    added : tuple of tuple of Inclusion and float
         Shapes inside the object that the scene lacks, and their excess attenuation, 1/mm.
     spectrum : Spectrum or None
         Detected spectrum without an object; None: the monochromatic beam.

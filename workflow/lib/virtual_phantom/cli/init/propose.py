@@ -44,8 +44,6 @@ class Proposal:
     ----------
     image : Volume
         The CT, HU.
-    labels : str
-        File with the regions, or folder of masks.
     size : str
         One of SIZES.
     selected : tuple of ChosenRegion
@@ -65,7 +63,6 @@ class Proposal:
     """
 
     image: Volume
-    labels: str
     size: str
     selected: tuple[ChosenRegion, ...]
     rejected: tuple[tuple[Region, str], ...]
@@ -176,7 +173,6 @@ def propose(
     _, cost = cost_summary(plan, "cpu", read_rates(RESOURCES / "rates.yaml"))
     return Proposal(
         image=ct,
-        labels=str(labels),
         size=size,
         selected=tuple(selected),
         rejected=tuple(sorted(rejected, key=lambda pair: [region.name for region in regions].index(pair[0].name))),

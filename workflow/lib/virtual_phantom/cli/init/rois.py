@@ -57,13 +57,6 @@ class ChosenRegion:
         return entry
 
 
-def unsuitable_reason(region: Region) -> str | None:
-    """Return why the content of a region makes it unsuitable as an ROI; None if it is suitable."""
-    if SOME_GAS < region.gas_share < MOSTLY_GAS:
-        return f"contains gas and tissue: {100 * region.gas_share:.0f} % of its voxels are gas"
-    return None
-
-
 def outline_warning(region: Region) -> str | None:
     """Return a warning if the outline of a region seems to include other tissue; None otherwise."""
     if region.sd_hu > SPREAD_HU and region.gas_share <= SOME_GAS:
@@ -76,8 +69,8 @@ def choose(region: Region, grid: Grid, fill_gaps: bool = False) -> ChosenRegion 
 
     `fill_gaps` tells whether missing slices of the region were interpolated.
     """
-    if reason := unsuitable_reason(region):
-        return reason
+    if SOME_GAS < region.gas_share < MOSTLY_GAS:
+        return f"contains gas and tissue: {100 * region.gas_share:.0f} % of its voxels are gas"
     # Pad by one voxel, except where the CT ends: for `shrink`, the end of the array is not a surface.
     padding = [(int(s.start > 0), int(s.stop < n)) for s, n in zip(region.box, region.grid.shape, strict=True)]
     padded = np.pad(region.mask, padding)

@@ -166,9 +166,8 @@ def weighted_spectrum(
     anode: Anode = TUNGSTEN,
     sensor: Sensor = SENSOR,
     sensor_mm: float = SENSOR.thickness_mm,
-    filter_material: str = "aluminium",
 ) -> Spectrum:
-    """Return the detected spectrum of a filtered tube in BINS energies.
+    """Return the detected spectrum of a tube with an aluminum filter in BINS energies.
 
     Bins have equal shares of the signal, and their mean energies.
 
@@ -176,8 +175,6 @@ def weighted_spectrum(
     ----------
     sensor : Sensor, optional
         Its own thickness is ignored.
-    filter_material : str, optional
-        Name in materials.COMPOUNDS or ELEMENTS.
 
     Raises
     ------
@@ -186,7 +183,7 @@ def weighted_spectrum(
     """
     energies, fluence = tube_spectrum(kvp, anode)
     detected, first, second = response(sensor.material, sensor_mm, energies, sensor.reads)
-    photons = fluence * np.exp(-attenuation_per_mm(filter_material, energies) * filtration_mm) * detected
+    photons = fluence * np.exp(-attenuation_per_mm("aluminium", energies) * filtration_mm) * detected
     signal, noise = (photons * moment / (photons * moment).sum() for moment in (first, second))
     # Bin edges are quantiles of the signal. An energy at an edge is divided, so that bins change smoothly with kvp.
     edges, ends = np.linspace(0, 1, BINS + 1)[:, None], np.cumsum(signal)

@@ -103,11 +103,6 @@ def read_phantom_object(settings: ShapesPhantom) -> tuple[ShapedObject, tuple[Sh
     return shaped, rois
 
 
-def read_phantom_rois(settings: ShapesPhantom) -> tuple[ShapedRoi, ...]:
-    """Return only the regions of `read_phantom_object`."""
-    return read_phantom_object(settings)[1]
-
-
 def _object(name: str, content: Mapping, given: Mapping[str, float | str]) -> ShapedObject:
     values = _values(content["parameters"], given)
     materials = {

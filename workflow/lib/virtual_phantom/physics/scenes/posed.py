@@ -76,14 +76,9 @@ class PosedScene:
     def __init__(self, scene: VoxelScene, samples: int = 1):
         self.scene, self._samples = scene, samples
         self.materials, self.energy_kev, self.threads = scene.materials, scene.energy_kev, scene.threads
-        self.attenuation_per_mm = scene.attenuation_per_mm
+        self.attenuation_per_mm, self.radius_mm = scene.attenuation_per_mm, scene.radius_mm
         self.range_mm = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
         self._traced: LRUCache | None = None
-
-    @property
-    def radius_mm(self) -> float:
-        """As VoxelScene.radius_mm."""
-        return self.scene.radius_mm
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
         """As GridScene.path_lengths."""

@@ -60,6 +60,11 @@ class GridScene(Scene):
         Grid of `fractions`, with its center at the isocenter.
     materials, energy_kev
         As in Scene.
+
+    Attributes
+    ----------
+    amounts : ndarray, shape (materials, z, y, x)
+        The occupied part of `fractions`, or other amounts (see `with_amounts`).
     """
 
     def __init__(self, fractions: np.ndarray, grid: Grid, materials: tuple[Material, ...], energy_kev: float):
@@ -69,14 +74,9 @@ class GridScene(Scene):
         box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
         self.grid = replace(grid, shape=tuple((high - low).tolist()))
         self._center = ((low + high - np.array(grid.shape)) / 2 * grid.spacing)[::-1]
-        self._fractions = fractions[:, *box]
-        self._voxels = Voxels(self._fractions)
+        self.amounts = fractions[:, *box]
+        self._voxels = Voxels(self.amounts)
         self._at_ends = {-1: bool(low[0] == 0), 1: bool(high[0] == grid.shape[0])}
-
-    @property
-    def amounts(self) -> np.ndarray:
-        """Amount of each material in a voxel, shape (materials, z, y, x)."""
-        return self._fractions
 
     @property
     def radius_mm(self) -> float:
@@ -118,7 +118,7 @@ class GridScene(Scene):
         displace curved surfaces, to first order. The partial volume follows from the distance of the voxel from the
         surface.
         """
-        amounts = np.pad(self._fractions, ((0, 0), (0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)))
+        amounts = np.pad(self.amounts, ((0, 0), (0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)))
         every = np.concatenate([amounts, 1 - amounts.sum(axis=0, keepdims=True)])  # the last one is empty space
         for share in every:
             once = ndimage.gaussian_filter(share, SURFACE_SIGMA, mode="nearest")
@@ -140,7 +140,7 @@ class GridScene(Scene):
             Whether amounts are shares of voxels; otherwise the neighbors' least and largest attenuation are mixed.
         """
         mu, margin = self.attenuation_per_mm.astype(np.float32), [(int(n > 1),) * 2 for n in self.grid.shape]
-        amounts = np.pad(self._fractions, [(0, 0), *margin])
+        amounts = np.pad(self.amounts, [(0, 0), *margin])
         if max(parts) == 1:
             total = np.tensordot(mu, amounts, 1)
         elif shares:
@@ -158,7 +158,7 @@ class GridScene(Scene):
         or none have the variance of a share of unknown size if a neighbor differs.
         """
         margin = [(int(n > 1),) * 2 for n in self.grid.shape]
-        mu, amounts = self.attenuation_per_mm.astype(np.float32), np.pad(self._fractions, [(0, 0), *margin])
+        mu, amounts = self.attenuation_per_mm.astype(np.float32), np.pad(self.amounts, [(0, 0), *margin])
         if shares and not self.is_binary:
             found = np.tensordot(mu**2, amounts, 1) - np.tensordot(mu, amounts, 1) ** 2
         else:
@@ -168,7 +168,7 @@ class GridScene(Scene):
 
     def blurred(self) -> GridScene:
         """Return the scene blurred by weights (1, 2, 1) / 4 along each axis."""
-        amounts = np.pad(self._fractions, ((0, 0), (0, 0), (1, 1), (1, 1)))
+        amounts = np.pad(self.amounts, ((0, 0), (0, 0), (1, 1), (1, 1)))
         for axis in (1, 2, 3):
             amounts = ndimage.convolve1d(amounts, np.array([1, 2, 1]) / 4, axis, mode="nearest")
         return self.with_amounts(amounts)
@@ -176,7 +176,7 @@ class GridScene(Scene):
     def with_amounts(self, amounts: np.ndarray, parts: tuple[int, int, int] = (1, 1, 1)) -> GridScene:
         """Return the scene with other amounts, on a grid with the same center whose voxels are divided into parts."""
         scene = copy.copy(self)
-        scene._fractions, scene._voxels = amounts, Voxels(amounts)
+        scene.amounts, scene._voxels = amounts, Voxels(amounts)
         spacing = tuple(side / count for side, count in zip(self.grid.spacing, parts, strict=True))
         scene.grid = replace(self.grid, shape=amounts.shape[1:], spacing=spacing)
         return scene
@@ -242,7 +242,7 @@ class VoxelScene(GridScene):
         VoxelScene or None
             None if the object ends within the volume.
         """
-        last = self._fractions[:, 0 if end < 0 else -1]
+        last = self.amounts[:, 0 if end < 0 else -1]
         if not self._at_ends[end] or last.sum(axis=0).max() < MIN_CUT_AMOUNT:
             return None
         step = self.grid.spacing[0]
@@ -250,9 +250,9 @@ class VoxelScene(GridScene):
         if count > MAX_EXTENSION:
             count, step = MAX_EXTENSION, height_mm / MAX_EXTENSION
         scene = copy.copy(self)
-        scene._fractions = np.repeat(last[:, None], count, axis=1)
-        scene._voxels = Voxels(scene._fractions)
-        scene.grid = replace(self.grid, shape=scene._fractions.shape[1:], spacing=(step, *self.grid.spacing[1:]))
+        scene.amounts = np.repeat(last[:, None], count, axis=1)
+        scene._voxels = Voxels(scene.amounts)
+        scene.grid = replace(self.grid, shape=scene.amounts.shape[1:], spacing=(step, *self.grid.spacing[1:]))
         z = self.ends_mm[0 if end < 0 else 1] + end * count * step / 2
         scene._center = np.array([*self._center[:2], z])
         return scene

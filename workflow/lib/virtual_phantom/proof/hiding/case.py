@@ -13,8 +13,7 @@ from ...diagnosis.residuals.residual_tests import ALPHA
 from ...diagnosis.verdict.verdict import VERDICTS
 from ...diagnosis.verdict_text import PRACTICAL
 from ...physics.effect import names
-from .hidden_effect import STRENGTHS
-from .truth import EQUATIONS
+from .hidden_effect import EQUATIONS, STRENGTHS
 
 CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")

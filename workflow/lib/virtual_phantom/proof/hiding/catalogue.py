@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...physics.effect import names
-from .hidden_effect import IMAGE, MEAN, NOISE, READOUT_KEV, HiddenEffect, sign
+from .hidden_effect import EQUATIONS, IMAGE, MEAN, NOISE, READOUT_KEV, HiddenEffect, sign
 from .missing_effects import MISSING_EFFECTS
-from .truth import EQUATIONS
 
 XCIST, GVXR = SIMULATORS = ("xcist", "gvirtualxray")
 COLLIMATOR_MM = 200.0  # distance from the focal spot, as the diagnosis assumes

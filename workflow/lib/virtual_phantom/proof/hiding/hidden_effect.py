@@ -13,6 +13,13 @@ MEAN = ("projections", "columns", "views", "rows", "path length", "edges")
 NOISE = ("noise variance", "noise level")
 IMAGE = ("image", "slices", "distance from the axis", "tissue", "edges")
 
+# Origins of the equation that makes a hidden effect, {name: description}
+EQUATIONS = {
+    "simulator": "the simulator's own",
+    "other": "another equation than the library's",
+    "own": "the library's equation, written again",
+}
+
 
 @dataclass(frozen=True)
 class HiddenEffect:

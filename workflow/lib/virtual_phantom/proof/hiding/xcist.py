@@ -20,7 +20,6 @@ from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Protocol
 
 import numpy as np
 from scipy.optimize import brentq
@@ -98,21 +97,6 @@ class Acquired:
     air: np.ndarray
     quanta: np.ndarray | None = None
     current: np.ndarray | None = None
-
-
-class Scannable(Protocol):
-    """An object that XCIST can scan.
-
-    Attributes
-    ----------
-    cells_divided : tuple of 2 int
-        Columns and rows of parts of a detector cell, whose transmissions are averaged.
-    """
-
-    cells_divided: tuple[int, int]
-
-    def configure(self, cfg, folder: Path) -> None:
-        """Set the configuration to scan this object; write its files to the folder."""
 
 
 @dataclass(frozen=True)
@@ -202,8 +186,8 @@ def energy_of_water(mu_per_mm: float) -> float:
     return brentq(lambda kev: attenuation_per_mm("water", kev) - mu_per_mm, *ENERGIES_KEV)
 
 
-def simulate(scan: Scan, scanned: Scannable, repeats: int, seed: Stream) -> Acquired:
-    """Scan an object in a separate process, since XCIST's library keeps the state of one scan."""
+def simulate(scan: Scan, scanned: Materials, repeats: int, seed: Stream) -> Acquired:
+    """Scan Materials or Surfaces in a separate process, since XCIST's library keeps the state of one scan."""
     with get_context("fork").Pool(1) as pool:
         return pool.apply(_simulate, (scan, scanned, repeats, seed))
 
@@ -258,7 +242,7 @@ def _seed(cfg, seed):
     np.random.seed(third)  # noqa: NPY002
 
 
-def _configured(scan: Scan, scanned: Scannable, folder: Path, current: float = 1.0, quantum_kev: float = 0.0):
+def _configured(scan: Scan, scanned: Materials, folder: Path, current: float = 1.0, quantum_kev: float = 0.0):
     from gecatsim import CFG
 
     cfg = CFG()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ...physics.effect import load, names
 from ..hiding.case import Case
-from ..hiding.truth import EQUATIONS
+from ..hiding.hidden_effect import EQUATIONS
 from .intervals import median, share
 
 MEANING = (

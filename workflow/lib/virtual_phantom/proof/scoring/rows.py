@@ -9,7 +9,7 @@ from ...report.agreement_table import NAMES
 from ...report.html import number
 from ...report.proof import percent, reached, tally, valued
 from ...statistics.proof_record import QUANTITIES
-from ..hiding.truth import EQUATIONS
+from ..hiding.hidden_effect import EQUATIONS
 
 LEFT = "unexplained, standard deviations of noise: median, 90th percentile, maximum"
 

@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from ...physics.effect import names
 from ..hiding.case import CATEGORIES, KINDS, Case
 from ..hiding.catalogue import CATALOGUE, never_hidden
-from ..hiding.hidden_effect import STRENGTHS
-from ..hiding.truth import EQUATIONS
+from ..hiding.hidden_effect import EQUATIONS, STRENGTHS
 from . import agreement, calibration, confusion, parameters, remainders
 from .headline import headline
 from .intervals import median, quantile, share

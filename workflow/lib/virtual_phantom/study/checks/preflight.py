@@ -86,9 +86,9 @@ def _layout(study: Study) -> Iterator[str]:
 def _shapes(study: Study) -> Iterator[str]:
     """Check a phantom of shapes."""
     if _source(study) == "object" and study.phantom.object:
-        from ...physics.scenes.objects import read_phantom_rois  # slow import (numba)
+        from ...physics.scenes.objects import read_phantom_object  # slow import (numba)
 
-        yield from (f"phantom.object: {line}" for line in _messages(read_phantom_rois, study.phantom.object))
+        yield from (f"phantom.object: {line}" for line in _messages(read_phantom_object, study.phantom.object))
 
 
 def _seen_shapes(study: Study) -> Iterator[str]:

@@ -75,9 +75,9 @@ def _classes_of_phantom(phantom: PhantomSettings) -> dict[str, str]:
             entries = read_roi_entries(phantom.ct.rois, phantom.ct.labels)
             return {name: entry.tissue_class for entry in entries for name in entry.names}
         if phantom.source == "object":
-            from ...physics.scenes.objects import read_phantom_rois  # slow import (numba)
+            from ...physics.scenes.objects import read_phantom_object  # slow import (numba)
 
-            return {roi.name: roi.tissue_class for roi in read_phantom_rois(phantom.object)}
+            return {roi.name: roi.tissue_class for roi in read_phantom_object(phantom.object)[1]}
         from ...phantom.layout import read_layout  # slow import
 
         return {str(roi["name"]): str(roi["tissue_class"]) for roi in read_layout(phantom.layout)["rois"]}
