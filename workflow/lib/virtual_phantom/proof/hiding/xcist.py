@@ -109,6 +109,8 @@ class Materials:
         By XCIST's name of the material, in the scanner frame.
     voxel_mm : tuple of 2 float
         Size in the plane and height along z, mm.
+    cells_divided : tuple of 2 int
+        Columns and rows of parts of a detector cell, whose transmissions are averaged.
     """
 
     fractions: dict[str, np.ndarray]
