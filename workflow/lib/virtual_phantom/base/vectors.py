@@ -72,8 +72,6 @@ class ScanGeometry:
 
     Attributes
     ----------
-    columns, rows : int
-        Pixels of the detector.
     column_pitch_mm, row_pitch_mm : float
         Distances between pixel centers, mm.
     column_offset_px, row_offset_px : float

@@ -47,8 +47,6 @@ class Scan(NamedTuple):
     ----------
     shape, spacing : tuple of 3
         Voxels and voxel size in mm of the grid (z, y, x).
-    columns, rows : int
-        Pixels of the detector.
     column_pitch, row_pitch : float
         Pixel size, mm.
     across, nearer : ndarray, shape (columns,)

@@ -37,8 +37,6 @@ class ParallelScan(NamedTuple):
         Center of the grid relative to the isocenter (z, y, x).
     columns : int
         Number of distances t per angle.
-    rows : int
-        Rows of the detector.
     half_turn : int
         Angles per half turn.
     view_of_angle : ndarray, shape (angles,)

@@ -56,8 +56,6 @@ class Proposal:
         Largest distance of the body from the isocenter.
     box_mm : list
         Scanned box around the body, [[x, x], [y, y]], NIfTI world mm.
-    config : dict
-        Configuration to write.
     cost : dict
         See costs.table.cost_summary.
     """

@@ -27,8 +27,6 @@ class Rays:
         Voxel size (z, y, x), mm.
     planes : tuple of 2 int
         Number of voxel planes perpendicular to x and to y.
-    columns : int
-        Columns of the detector.
     """
 
     bundles: Bundles
