@@ -1,10 +1,13 @@
 """The installed package without the project's folder: library, data files, and the importer's command."""
 
+import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -107,6 +110,24 @@ print(sum(tile_width.stats.cache_hits.values()), sum(tile_width.stats.cache_miss
     shutil.copytree(installed, copy)
     again = run(sys.executable, "-c", program, cwd=tmp_path, PYTHONPATH=str(copy), NUMBA_CACHE_DIR="")
     assert (first.split(), again.split()) == (["0", "1"], ["1", "0"])
+
+
+def test_imported_packages_are_declared():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    stated = [*project["dependencies"], *(one for extra in project["optional-dependencies"].values() for one in extra)]
+    declared = {re.match(r"[\w-]+", one)[0].lower() for one in stated}
+    imported = set()
+    for path in LIBRARY.rglob("*.py"):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Import):
+                imported |= {name.name.split(".")[0] for name in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add(node.module.split(".")[0])
+    imported -= {*sys.stdlib_module_names, "virtual_phantom"}
+    assert {"numpy", "vl_convert"} <= imported
+    distributions = packages_distributions()
+    unknown = {name for name in imported if declared.isdisjoint(one.lower() for one in distributions.get(name, [name]))}
+    assert not unknown
 
 
 def test_importer_is_a_command(installed, tmp_path):
