@@ -102,7 +102,7 @@ def test_known_repeat_sd_leaves_the_interval_of_the_difference():
     assert [lower, upper] == pytest.approx([-0.5, 3.5], rel=1e-3)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 1000),
     scale=st.floats(0.01, 100),

@@ -12,11 +12,10 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.settings import FitSettings
 
 # A quick diagnosis: the fault that the library lacks shows in the object, few views, no pair, and a seed whose case
-# without a hidden effect is a disc. Two of the effects that are tried are not hidden.
+# without a hidden effect is a disc.
 QUICK = {
     "seed": 2040,
     "pairs": 0,
-    "tried": ["scatter", "electronic_noise", "veiling_glare", "detector_offset"],
     "unknown_kinds": ["wrong_insert"],
     "scan": {"columns": 60, "views": 24},
     "held_out_protocol": {"views": 24},
