@@ -133,6 +133,11 @@ def screened(
         Relative errors of the models of declared physics, as `forward_selection.choose` takes it; None: not counted.
     fitted_too : bool, optional
         Whether errors of the fitted effects' models are considered, too.
+
+    Raises
+    ------
+    InputError
+        As `run_parallel`.
     """
     parts, here = fitter.data.residuals(fitter.predicted(fit)), Problem.at(fitter, fit)
     columns, residual = data_changes(here), here.whitened(parts)

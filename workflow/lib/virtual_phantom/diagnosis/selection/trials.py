@@ -32,6 +32,11 @@ def trials(
         Trials are read from it and written to it.
     final : bool, optional
         As Fitter.fit.
+
+    Raises
+    ------
+    InputError
+        As `run_parallel`.
     """
 
     def make(*task) -> Trial:

@@ -94,8 +94,8 @@ def setup_diagnosis(found: SetupResult, recording: Recording, request: Diagnosis
     scanned = "the study's phantom" if request.settings.of_phantom else object_text(request)
     lines = setup_lines(found.content, scanned)
     modelled = {"object": object_text(request), "scan": scan_text(request, recording)}
-    more = {"modelled": modelled, "setup": found.content}
-    return unfitted_diagnosis(recording.name, SETUP_VERDICTS[found.kind], lines, found, **more)
+    verdict = SETUP_VERDICTS[found.kind]
+    return unfitted_diagnosis(recording.name, verdict, lines, found, modelled=modelled, setup=found.content)
 
 
 def write_setup(content: Mapping, path: str | Path) -> None:
