@@ -1,6 +1,8 @@
 """Both simulators against path lengths in closed form: random objects, all geometries, errors of the object."""
 
 import importlib.util
+import os
+import signal
 import sys
 from dataclasses import replace
 
@@ -29,7 +31,7 @@ from virtual_phantom.proof.hiding.orbits import image_grid, orbit_of
 from virtual_phantom.proof.hiding.readout import read_out
 from virtual_phantom.proof.hiding.reconstruction import images_hu
 from virtual_phantom.proof.hiding.stated_object import described
-from virtual_phantom.proof.hiding.xcist import Acquired, Scan, attenuation_of
+from virtual_phantom.proof.hiding.xcist import Acquired, Scan, attenuation_of, isolated
 from virtual_phantom.recordings.scan import scan_geometry
 
 MU_WATER = 0.01928
@@ -154,3 +156,12 @@ def test_missing_library_of_the_system_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "gvxrPython3", None)  # its import fails
     with pytest.raises(InputError, match=r"gVirtualXray does not start \(.*gvxrPython3.*Debian packages"):
         gvirtualxray._transmission(None, None, MU_WATER, np.array([60.0]))
+
+
+def crash():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_crash_of_a_simulator_is_one_line_and_does_not_hang():
+    with pytest.raises(InputError, match="process of the simulator crashed or was killed.*run the same command again"):
+        isolated(crash)

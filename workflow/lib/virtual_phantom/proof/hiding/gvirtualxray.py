@@ -15,7 +15,6 @@ import os
 from collections.abc import Mapping
 from functools import cache
 from itertools import product
-from multiprocessing import get_context
 
 import numpy as np
 import xraylib
@@ -38,6 +37,7 @@ from .xcist import (
     TARGET_ANGLE_DEG,
     Acquired,
     Scan,
+    isolated,
 )
 
 # Most rays per pixel and image along columns and rows. Edges of rods along z need many along the columns: images are
@@ -73,8 +73,7 @@ def energy_of_water(mu_per_mm: float) -> float:
 
 def simulate(scan: Scan, scanned: ScannedObject, mu_water_per_mm: float, repeats: int, seed: Stream) -> Acquired:
     """Scan an object in a separate process, since gVirtualXray keeps one scene."""
-    with get_context("fork").Pool(1) as pool:
-        return pool.apply(_simulate, (scan, scanned, mu_water_per_mm, repeats, seed))
+    return isolated(_simulate, scan, scanned, mu_water_per_mm, repeats, seed)
 
 
 def _simulate(scan, scanned, mu_water_per_mm, repeats, seed):

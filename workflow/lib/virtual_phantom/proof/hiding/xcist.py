@@ -15,6 +15,9 @@ import io
 import json
 import os
 import tempfile
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import cache
 from multiprocessing import get_context
@@ -190,8 +193,25 @@ def energy_of_water(mu_per_mm: float) -> float:
 
 def simulate(scan: Scan, scanned: Materials, repeats: int, seed: Stream) -> Acquired:
     """Scan Materials or Surfaces in a separate process, since XCIST's library keeps the state of one scan."""
-    with get_context("fork").Pool(1) as pool:
-        return pool.apply(_simulate, (scan, scanned, repeats, seed))
+    return isolated(_simulate, scan, scanned, repeats, seed)
+
+
+def isolated(simulate: Callable[..., Acquired], *arguments) -> Acquired:
+    """Return simulate(*arguments), run in a separate process.
+
+    Raises
+    ------
+    InputError
+        If the process crashed or was killed.
+    """
+    try:
+        with ProcessPoolExecutor(1, get_context("fork")) as pool:
+            return pool.submit(simulate, *arguments).result()
+    except BrokenProcessPool as error:
+        raise InputError(
+            "the process of the simulator crashed or was killed, perhaps because memory ran out; run the same command "
+            "again, with fewer cores if this line returns"
+        ) from error
 
 
 def _simulate(scan, scanned, repeats, seed):
