@@ -24,6 +24,7 @@ from virtual_phantom.diagnosis.settings import Disc, RecordingSettings
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.recordings.reading import load_recording
+from virtual_phantom.recordings.scan import coverage_note
 from virtual_phantom.recordings.summary import summarize_recording
 
 SHAPE = (SCAN["views"], SCAN["rows"], SCAN["columns"])
@@ -84,6 +85,8 @@ FRAME = np.full(SHAPE[1:], 1000.0)
         ({"data_white": FRAME * np.nan}, "/exchange/data_white contains NaN"),
         ({"data": np.full(SHAPE, np.inf)}, f"{np.prod(SHAPE)} counts are NaN or infinite"),
         ({"data": np.full(SHAPE, 5000.0)}, "the median count is over twice the white field"),
+        ({"data": np.full(SHAPE, 50.5)}, "the largest count is 0.5 above the dark field, the white field 950"),
+        ({"data_dark": np.zeros((0, 4, 40))}, "/exchange/data_dark has no frames; store the measured field, or zeros"),
     ],
 )
 def test_impossible_counts_are_rejected(tmp_path, changes, message):
@@ -135,6 +138,20 @@ def test_dead_pixels_and_missing_theta_are_reported(tmp_path):
     assert any("b.h5: no /exchange/theta" in note for note in recording.notes)
     values = recording.repeats[1].line_integrals(1e-6)
     assert np.isnan(values[:, 2, 7]).all() and np.isnan(values).sum() == SHAPE[0]
+
+
+def test_counts_below_the_dark_field_are_reported(tmp_path):
+    data = np.full(SHAPE, 500.0)
+    data[::2] = 50.0
+    folder, _ = projections_folder(tmp_path / "r", data=data)
+    assert any(note == "b.h5: 50 % of the counts do not exceed the dark field" for note in load_recording(folder).notes)
+
+
+def test_views_over_less_than_half_a_turn_are_reported():
+    steps = np.radians(np.arange(24) / 24)
+    assert coverage_note({}, 180 * steps) is None
+    assert coverage_note({}, -15 * steps).startswith("the views cover 15 degrees, less than half a turn;")
+    assert coverage_note({"angles_deg": "unknown"}, np.zeros(24)) is None
 
 
 def test_views_beyond_a_turn_are_reported(tmp_path):

@@ -17,7 +17,7 @@ from ..io.volumes import check_fits
 from .document import Document
 from .provenance import checksums
 from .recording import Provenance, Recording, Repeats
-from .scan import UNKNOWN, scale_note, scan_geometry, view_time_note
+from .scan import UNKNOWN, coverage_note, scale_note, scan_geometry, view_time_note
 
 ADVICE = "copy it again from its source"
 # {attribute `units` of theta: factor to degrees}. Without it, angles are in degrees, as in the Data Exchange format.
@@ -27,7 +27,8 @@ THETA_TOLERANCE = 0.05  # share of the step between views; larger differences me
 LARGEST_LINE_INTEGRAL = 30.0  # exp(-30) is below one photon in any scan, so larger values are counts
 BITS_8 = 256  # levels
 CLIPPED = 1e-3  # share of values at the largest one, above which they are reported as clipped
-MOST_DEAD = 0.01  # share of pixels without signal; more means swapped or saturated fields
+LEAST_TRANSMISSION = 1e-3  # of the brightest pixel; less means a white field in another unit
+MOST_DEAD = 0.01  # share of pixels, or of counts, without signal; more means wrong, swapped or saturated fields
 
 
 @dataclass(frozen=True)
@@ -105,12 +106,14 @@ def load_projections(document: Document) -> ProjectionsRecording:
     repeated = geometry.views - math.ceil(geometry.views_per_rotation)
     if repeated > 0 and geometry.feed_per_rotation_mm == 0:
         notes.append(f"{counted(repeated, 'view')} beyond the first rotation, along the same directions")
-    notes += filter(None, (scale_note(scan), view_time_note(scan)))
+    notes += filter(None, (scale_note(scan), coverage_note(scan, geometry.angles_rad), view_time_note(scan)))
     for path in (*document.repeats, *document.held_out):
         acquisition = read_acquisition(path, geometry)
         logs[path] = acquisition.log
         if dead := int(acquisition.dead.sum()):
             notes.append(f"{document.relative(path)}: {counted(dead, 'dead pixel')} (white field not above dark field)")
+        if not acquisition.log and (share := np.mean(acquisition.data <= acquisition.dark)) > MOST_DEAD:
+            notes.append(f"{document.relative(path)}: {100 * share:.0f} % of the counts do not exceed the dark field")
         notes += (f"{document.relative(path)}: {text}" for text in quantized(acquisition.data))
         if not _has_theta(path) and scan.get("angles_deg") != UNKNOWN:
             notes.append(f"{document.relative(path)}: no /exchange/theta; angles are taken from {document.path.name}")
@@ -244,6 +247,8 @@ def _field(path: Path, file: h5py.File, name: str, frame: tuple[int, ...]) -> np
         )
     check_fits(8 * file[f"exchange/{name}"].size, path)
     field = np.asarray(file[f"exchange/{name}"][...], np.float64)
+    if field.size == 0:
+        raise InputError(f"{path}: /exchange/{name} has no frames; store the measured field, or zeros")
     if field.ndim == 3:
         field = field.mean(axis=0)
     if field.shape != frame:
@@ -263,7 +268,7 @@ def _check_line_integrals(path: Path, values: np.ndarray) -> None:
     if values.max() > LARGEST_LINE_INTEGRAL:
         raise InputError(
             f"{path}: line integrals reach {values.max():g}; if these are counts, remove the attribute log of "
-            "/exchange/data"
+            "/exchange/data (import: omit --log)"
         )
     if values.mean(dtype=np.float64) < 0:
         raise InputError(f"{path}: the mean line integral is negative; store -ln(I/I0), not ln(I/I0)")
@@ -280,3 +285,12 @@ def _check_counts(path: Path, acquisition: Projections) -> None:
         )
     if np.median(acquisition.data) > 2 * np.median(acquisition.white):
         raise InputError(f"{path}: the median count is over twice the white field; scale both to the same exposure")
+    largest, white = (
+        np.max(acquisition.data.max(axis=0) - acquisition.dark),
+        np.median(acquisition.white - acquisition.dark),
+    )
+    if largest < LEAST_TRANSMISSION * white:
+        raise InputError(
+            f"{path}: the largest count is {largest:g} above the dark field, the white field {white:g}; scale both "
+            "to the same exposure (white field of normalized data: 1)"
+        )

@@ -22,6 +22,7 @@ DISTANCES_MM = ((100.0, 4000.0), (200.0, 5000.0))  # plausible source_to_isocent
 SMALLEST_PITCH_MM = 0.005  # of a detector in a divergent beam
 LARGEST_PIXEL_ASPECT = 5.0  # ratio of column and row pitch; a larger ratio means mixed units
 TIME_TOLERANCE = 0.01  # relative; stated times may be rounded
+HALF_TURN_DEG = 179.0  # less for rounded angles
 ELEMENT = "element"  # value of `length_unit`
 UNKNOWN = "unknown"  # value of `angles_deg`
 SIZE = "size"  # value of `not_checked`
@@ -108,6 +109,17 @@ def scale_note(scan: dict) -> str | None:
     if scan.get("angles_deg") == UNKNOWN:
         found.append("the view angles are not known (scan.angles_deg): no model of the scan can be compared")
     return "; ".join(found) or None
+
+
+def coverage_note(scan: dict, angles_rad: np.ndarray) -> str | None:
+    """Return a note on views over less than half a turn; None if there are enough, or their angles are unknown."""
+    steps = len(angles_rad) - 1
+    if steps < 1 or scan.get("angles_deg") == UNKNOWN:
+        return None
+    covered = math.degrees(np.ptp(angles_rad)) * (1 + 1 / steps)  # each view counts for one step
+    if covered >= HALF_TURN_DEG:
+        return None
+    return f"the views cover {covered:.3g} degrees, less than half a turn; check that the angles are in degrees"
 
 
 def view_times(scan: dict, source: str) -> tuple[float | None, float | None]:
