@@ -66,6 +66,13 @@ def test_sinogram_becomes_a_fan_beam(tmp_path):
     assert (recording.name, recording.phantom, recording.log) == ("disc", "disc", True)
 
 
+def test_sinogram_of_a_scan_that_starts_after_half_a_turn(tmp_path):
+    mat_file(tmp_path / "s.mat", angles=200 + np.arange(13.0))
+    recording = import_htc2022(tmp_path / "s.mat", tmp_path / "disc")
+    assert np.rad2deg(recording.geometry.angles_rad[:2]) == pytest.approx([20, 21])  # 0 here is 180 in the files
+    assert any("the views cover 13 degrees" in note for note in recording.notes)
+
+
 @pytest.mark.parametrize(
     "changes, message",
     [
@@ -99,7 +106,12 @@ def test_segmentation_becomes_the_mask_of_the_object(tmp_path):
     _, y, x = mask.grid.axes_mm()
     centre = (mask.array[0] * x).sum() / mask.array.sum(), (mask.array[0] * y[:, None]).sum() / mask.array.sum()
     assert centre == pytest.approx(((49.5 - 31.5) * pixel, (31.5 - 7.5) * pixel), abs=0.01)
-    for source, message in (("none.mat", "no such file; use a segmentation"), ("s.mat", "has no segmentation")):
+    savemat(tmp_path / "text.mat", {"reconFullFbpSeg": "text"})
+    for source, message in (
+        ("none.mat", "no such file; use a segmentation"),
+        ("s.mat", "has no segmentation"),
+        ("text.mat", "has no segmentation"),
+    ):
         run = lambda source=source: import_htc2022(tmp_path / "s.mat", tmp_path / "b", segmentation=tmp_path / source)  # noqa: E731
         import_refused(tmp_path / "b", run, message)
 

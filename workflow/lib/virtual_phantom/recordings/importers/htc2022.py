@@ -139,7 +139,7 @@ def _scan(mat_file: Path, parameters, shape: tuple[int, ...], angles: np.ndarray
         "row_pitch_mm": pitch,
         "views": angles.size,
         "views_per_rotation": 360 / abs(step),
-        "start_angle_deg": float(angles[0]) + FIRST_DEG,
+        "start_angle_deg": math.remainder(float(angles[0]) + FIRST_DEG, 360),
         "direction": 1 if step > 0 else -1,
         # The exposure of a view; the time between views is not stated.
         **(
@@ -187,7 +187,8 @@ def read_object(mat_file: str | Path, scan: dict) -> Volume:
     InputError
         If the file is missing, damaged, or contains no segmentation.
     """
-    inside = np.asarray(read_mat(Path(mat_file), "segmentation", [SEGMENTATION]).get(SEGMENTATION, ())) > 0
+    stored = np.asarray(read_mat(Path(mat_file), "segmentation", [SEGMENTATION]).get(SEGMENTATION, ()))
+    inside = stored > 0 if stored.dtype.kind in "buif" else np.zeros(0, bool)
     if inside.ndim != 2 or not inside.any():
         raise InputError(f"{mat_file}: has no segmentation {SEGMENTATION}; use a ..._recon_fbp_seg.mat of the data set")
     pixel = scan["column_pitch_mm"] * scan["source_to_isocentre_mm"] / scan["source_to_detector_mm"]
