@@ -1,5 +1,7 @@
 """Import of projections that other packages wrote: TIFF, PNG, NumPy, MATLAB, HDF5 and Nikon files."""
 
+from pathlib import Path
+
 import h5py
 import imageio.v3 as imageio
 import numpy as np
@@ -7,14 +9,16 @@ import pytest
 import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 from scipy.io import savemat
+from scipy.sparse import csr_matrix
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.candidate_effects import candidate_conditions, candidates
 from virtual_phantom.diagnosis.settings import RecordingSettings
 from virtual_phantom.recordings.importers.arrays import read_frames
 from virtual_phantom.recordings.importers.command import main
-from virtual_phantom.recordings.importers.projections import arranged, import_projections
+from virtual_phantom.recordings.importers.projections import arranged, import_projections, read_angles
 from virtual_phantom.recordings.importers.xtekct import import_xtekct
 from virtual_phantom.recordings.summary import summarize_recording
 
@@ -188,8 +192,49 @@ def test_nikon_scan(tmp_path):
     listed = import_xtekct(tmp_path / "scan.xtekct", tmp_path / "listed", images=str(tmp_path / "images"))
     assert np.degrees(listed.geometry.angles_rad[:2]) == pytest.approx([0, 30])  # the direction of AngularStep
     (tmp_path / "scan.ang").write_text("Proj\tAngle(deg)\n1:\t000.000\n2:\t-030.000\n")
-    with pytest.raises(InputError, match="has 2 angles for 12 images"):
+    with pytest.raises(InputError, match="has 2 angles for 12 views"):
         import_xtekct(tmp_path / "scan.xtekct", tmp_path / "other", images=str(tmp_path / "images"))
+
+
+@pytest.mark.parametrize(
+    "stated, changed, message",
+    [
+        ("DetectorPixelsX=40", "DetectorPixelsX=inf", "DetectorPixelsX is inf; give a finite number"),
+        ("DetectorPixelSizeX=0.2", "DetectorPixelSizeX=0", "DetectorPixelSizeX is 0; give a number above 0"),
+        ("SrcToObject=20.5", "SrcToObject=0\nObjectOffsetX=1", "SrcToObject is 0; give a number above 0"),
+        ("WhiteLevel=40000", "WhiteLevel=0", "WhiteLevel is 0; give a number above 0"),
+        ("AngularStep=30.0", "AngularStep=", "AngularStep is ''; give a number"),
+        ("AngularStep=30.0", "AngularStep=0", "all views have the angle 10"),
+        ("XraykV=70", "XraykV=70 kV", "XraykV is '70 kV'; give a number"),
+        ("XrayuA=300", "XrayuA=", None),
+        ("[XTekCT]", "\ufeff[XTekCT]", None),
+    ],
+)
+def test_numbers_of_nikon_files_are_checked(tmp_path, stated, changed, message):
+    assert stated in XTEKCT
+    (tmp_path / "scan.xtekct").write_text(XTEKCT.replace(stated, changed, 1), encoding="utf-8")
+    for number, image in enumerate(counts()):
+        tifffile.imwrite(tmp_path / f"scan_{number:04d}.tif", image)
+    if message is None:
+        assert import_xtekct(tmp_path / "scan.xtekct", tmp_path / "balls").geometry.views == VIEWS
+        return
+    with pytest.raises(InputError) as error:
+        import_xtekct(tmp_path / "scan.xtekct", tmp_path / "balls")
+    assert message in str(error.value)
+
+
+def test_nikon_scan_with_a_flat_field_beside_its_images(tmp_path):
+    (tmp_path / "scan.xtekct").write_text(XTEKCT.replace("WhiteLevel=40000\n", ""))
+    (tmp_path / "scan.ang").write_text("Proj\tAngle(deg)\n")
+    for number, image in enumerate(counts()):
+        tifffile.imwrite(tmp_path / f"scan_{number:04d}.tif", image)
+    tifffile.imwrite(tmp_path / "flat.tif", FLATS[0])
+    flat = str(tmp_path / "flat.tif")
+    with pytest.raises(InputError, match=r"scan\.ang: has 0 angles for 12 views"):
+        import_xtekct(tmp_path / "scan.xtekct", tmp_path / "balls", flat=flat)
+    (tmp_path / "scan.ang").unlink()
+    recording = import_xtekct(tmp_path / "scan.xtekct", tmp_path / "balls", flat=flat)
+    assert recording.geometry.views == VIEWS and (recording.repeats[0].white == WHITE).all()
 
 
 @pytest.mark.parametrize("stated", ["CentreOfRotationTop=1.2\nCentreOfRotationBottom=0.8", "ObjectOffsetX=0.03"])
@@ -219,6 +264,21 @@ MISTAKES = {
     "states no view angles; give --angles START,STEP, a file, or unknown": {"log": True, "angles": None},
     "is neither a file nor START,STEP": {"log": True, "angles": "all"},
     "has 3 angles for 12 views": {"log": True, "angles": "three.txt"},
+    "an angle is not finite": {"log": True, "angles": "0,nan"},
+    "all views have the angle 30": {"log": True, "angles": "30,360"},
+    "radians.txt: the angles span 5.76, about 2 pi, so they are in radians": {"log": True, "angles": "radians.txt"},
+    "commas.csv: has several numbers in a line; give one angle per line": {"log": True, "angles": "commas.csv"},
+    "exposures.csv: has several numbers in a line": {"log": True, "angles": "exposures.csv"},
+    "is neither a file nor START,STEP;": {"log": True, "angles": ",".join(map(str, range(999)))},
+    "--flat has no effect with line integrals; remove one of them": {"log": True, "flat": "1"},
+    "--dark has no effect with line integrals": {"log": True, "dark": "0"},
+    "--flat has no effect with --air-columns": {"flat": "1", "air_columns": 2},
+    "--source-to-axis has no effect with --beam parallel": {"log": True, "source_to_axis": 500},
+    "--pixel: has 3 numbers; give the width, or the width and height": {"log": True, "pixel": [1, 1, 1]},
+    "--bin 0: use 1 to 40, the number of detector columns": {"log": True, "bin": 0},
+    "--bin 41: use 1 to 40": {"log": True, "bin": 41},
+    "the largest count is 1 above the dark field, the white field 40000": {"flat": "40000"},
+    "is empty; give a file or folder": {"flat": ""},
     "a divergent beam needs --source-to-axis and --source-to-detector": {"log": True, "beam": "divergent"},
     "--air-columns 20 does not fit 40 columns": {"log": True, "air_columns": 20},
     "scan.source_to_isocentre_mm: 50 is less than the minimum of 100": {
@@ -234,6 +294,9 @@ def test_mistakes_are_one_line_and_leave_nothing(message, tmp_path, monkeypatch)
     np.save("ct.npy", line_integrals())
     np.save("wide.npy", np.ones((ROWS, COLUMNS + 1)))
     np.savetxt("three.txt", [1, 2, 3])
+    np.savetxt("radians.txt", np.radians(30 * np.arange(VIEWS)))
+    Path("commas.csv").write_text("".join(f"{15 * view // 2},{15 * view % 2 * 5}\n" for view in range(VIEWS)))
+    Path("exposures.csv").write_text("angle,ms\n" + "".join(f"{30 * view},100\n" for view in range(VIEWS)))
     with pytest.raises(InputError) as error:
         import_projections("ct.npy", tmp_path / "scan", **PARALLEL | MISTAKES[message])
     assert message in str(error.value) and "\n" not in str(error.value)
@@ -260,6 +323,81 @@ def test_unreadable_and_ambiguous_files(tmp_path):
     assert read_frames(tmp_path / "two.mat", "b").data.shape == (4, 5)
 
 
+def test_pages_that_were_written_one_by_one_are_all_read(tmp_path):
+    with tifffile.TiffWriter(tmp_path / "pages.tif") as file:
+        for image in counts():
+            file.write(image)
+    np.testing.assert_array_equal(read_frames(tmp_path / "pages.tif").data, counts())
+    tifffile.imwrite(tmp_path / "pages.tif", counts()[0].astype(np.float32), append=True)
+    with pytest.raises(InputError, match="has pages of different types or shapes"):
+        read_frames(tmp_path / "pages.tif")
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "LA", "P"])
+def test_color_images_are_rejected(tmp_path, mode):
+    Image.fromarray(np.zeros((3, 4), np.uint8)).convert(mode).save(tmp_path / "image.png")
+    with pytest.raises(InputError, match="image.png: is a color image; use gray images"):
+        read_frames(tmp_path / "image.png")
+
+
+@pytest.mark.parametrize("extra", ["flat.tif", "view_3 (1).tif", "other_3.tif"])
+def test_folder_with_other_images_is_rejected(tmp_path, extra):
+    for number, image in enumerate(counts()):
+        tifffile.imwrite(tmp_path / f"view_{number}.tif", image)
+    (tmp_path / "._view_0.tif").write_bytes(b"resource fork of another system")
+    tifffile.imwrite(tmp_path / extra, FLATS[0].astype(np.uint16))
+    with pytest.raises(InputError, match="keep only the projections in this folder") as error:
+        read_frames(tmp_path)
+    assert str(error.value).startswith(f"{tmp_path / extra}: its name differs from view_# (#: a number)")
+    np.testing.assert_array_equal(read_frames(tmp_path, others=[tmp_path / extra]).data, counts())
+
+
+def test_gap_in_the_numbers_of_images_is_reported(tmp_path, caplog):
+    for number, image in enumerate(counts()):
+        tifffile.imwrite(tmp_path / f"view_{number}.tif", image)
+    read_frames(tmp_path)
+    assert not caplog.text
+    (tmp_path / "view_5.tif").unlink()
+    read_frames(tmp_path)
+    assert "view_4.tif: the next image is view_6.tif; if a view is missing" in caplog.text
+
+
+def test_fields_of_data_exchange_are_never_taken_as_projections(tmp_path):
+    with h5py.File(tmp_path / "ct.h5", "w") as file:
+        file["exchange/data"], file["exchange/data_white"] = counts(), np.repeat(FLATS, VIEWS, axis=0)
+        file["exchange/data_dark"] = np.zeros((0, ROWS, COLUMNS))
+    frames = read_frames(tmp_path / "ct.h5")
+    np.testing.assert_array_equal(frames.data, counts())
+    assert len(frames.flat) == 2 * VIEWS and frames.dark is None
+    with pytest.raises(InputError, match="has no dataset exchange; it has exchange/data"):
+        read_frames(tmp_path / "ct.h5", "exchange")
+
+
+def test_scan_without_projections_and_sparse_arrays_are_rejected(tmp_path):
+    with h5py.File(tmp_path / "flats.nxs", "w") as file:
+        file["data"], file["image_key"], file["rotation_angle"] = FLATS, [1, 1], [0.0, 0.0]
+    savemat(tmp_path / "sparse.mat", {"a": csr_matrix(np.eye(4))})
+    with pytest.raises(InputError, match="has no projections"):
+        import_projections(tmp_path / "flats.nxs", tmp_path / "scan", **PARALLEL)
+    with pytest.raises(InputError, match="holds values of type csc_matrix; give an array of numbers"):
+        import_projections(tmp_path / "sparse.mat", tmp_path / "scan", dataset="a", **PARALLEL)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["0\n15\n30\n", "# angles 3\n0\n15\n30\n", "\ufeff0\n15\n30\n", "0 15 30\n", "view;angle\n7;0\n8;15\n9;30\n"],
+)
+def test_lists_of_angles(tmp_path, text):
+    (tmp_path / "angles.txt").write_text(text, encoding="utf-8")
+    assert read_angles(tmp_path / "angles.txt").tolist() == [0, 15, 30]
+
+
+def test_folder_that_cannot_be_made_is_one_line(tmp_path):
+    np.save(tmp_path / "ct.npy", line_integrals())
+    with pytest.raises(InputError, match="scan: cannot be written .* use another folder"):
+        import_projections(tmp_path / "ct.npy", tmp_path / "ct.npy" / "scan", log=True, **PARALLEL)
+
+
 def test_command_prints_the_configuration_of_an_unknown_object(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     np.save("ct.npy", counts())
@@ -268,3 +406,10 @@ def test_command_prints_the_configuration_of_an_unknown_object(tmp_path, monkeyp
     printed = capsys.readouterr().out
     assert "unknown angles" in printed and "object: {unknown: true}" in printed
     assert "the view angles are not known" in printed
+
+
+def test_command_takes_a_negative_start_angle(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    np.save("ct.npy", line_integrals())
+    assert main(["projections", "ct.npy", "lines", "--log", "--beam", "parallel", "--angles", "-90,15"]) == 0
+    assert "start_angle_deg -90" in capsys.readouterr().out

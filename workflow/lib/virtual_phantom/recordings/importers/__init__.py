@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ...base.errors import InputError, InputErrors, lines_of
+from ...base.errors import InputError, InputErrors, lines_of, refusing
 from ...io.files import sha256
 from ...io.hdf5 import new_file
 from ..document import FILE_NAME
@@ -43,7 +43,7 @@ def write_folder(
     Raises
     ------
     InputError
-        If the folder exists, or its name has other characters than letters, digits and underscores.
+        If the folder exists, cannot be written, or its name has other characters than letters, digits and underscores.
     InputErrors
         If the recording cannot be loaded: one line per mistake.
     """
@@ -54,8 +54,9 @@ def write_folder(
         )
     if folder.exists():
         raise InputError(f"{folder}: already exists; use another folder, or remove this one")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    partial = Path(tempfile.mkdtemp(prefix=".partial-", dir=folder.parent))
+    with refusing(f"{folder}: cannot be written", OSError, advice="use another folder"):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(prefix=".partial-", dir=folder.parent))
     content = {"name": folder.name, "kind": kind, **({"phantom": phantom} if phantom else {}), **content}
     try:
         partial.chmod(0o755)

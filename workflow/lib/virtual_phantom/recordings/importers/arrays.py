@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,12 +15,15 @@ import tifffile
 from PIL import Image
 from scipy.io import loadmat, whosmat
 
+from ...base.console import note
 from ...base.errors import InputError, reading
 from ...base.names import enumerated
+from ...io.files import files_of
 from ..projections import theta_degrees
 
 TIFF, IMAGES = (".tif", ".tiff"), (".tif", ".tiff", ".png", ".bmp")
 HDF5 = (".h5", ".hdf5", ".hdf", ".nxs")
+FIELDS = ("data_white", "data_dark")  # names of the Data Exchange format for frames without an object or without X-rays
 # Values of image_key of NXtomo (NeXus application definition): projection, flat field, dark field; 3 is invalid.
 PROJECTION, FLAT, DARK = 0, 1, 2
 MATLAB_NUMBERS = ("double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
@@ -47,24 +52,29 @@ class Frames:
     log: bool = False
 
 
-def read_frames(source: str | Path, dataset: str | None = None) -> Frames:
+def read_frames(source: str | Path, dataset: str | None = None, others: Collection[str | Path] = ()) -> Frames:
     """Read the frames of a file, or of a folder with one image per view.
 
     Parameters
     ----------
     dataset : str, optional
         Variable of a MATLAB or .npz file, or path in an HDF5 file. Default: the only array, or the largest one in HDF5.
+    others : collection of str or Path, optional
+        Files in the folder that are not views, such as the flat field.
 
     Raises
     ------
     InputError
-        If the file is missing, damaged or of an unknown format, or has several arrays.
+        If the file is missing, damaged or of an unknown format, has several arrays or color images, or if the images
+        of a folder are not of one series.
     """
+    if not str(source):
+        raise InputError("the path of an array is empty; give a file or folder (a shell variable may be unset)")
     path = Path(source)
-    if not path.exists():
+    if not os.path.exists(path):  # unlike Path.exists, False for names that are too long
         raise InputError(f"{path}: no such file or folder; correct the path")
     if path.is_dir():
-        return Frames(_stack(path))
+        return Frames(_stack(path, others))
     suffix = path.suffix.lower()
     if suffix in IMAGES:
         return Frames(_image(path))
@@ -86,19 +96,31 @@ def _image(path: Path) -> np.ndarray:
     with reading(path, "image"):
         if path.suffix.lower() in TIFF:
             with tifffile.TiffFile(path) as file:
-                return file.series[0].asarray()
-        with Image.open(path) as image:
-            return np.asarray(image)
+                color = "S" in file.series[0].axes  # samples per pixel
+                pages = [series.asarray() for series in file.series]
+        else:
+            with Image.open(path) as image:
+                # The values of a palette image (P) are indices of colors.
+                color = "P" in image.mode or len(image.getbands()) > 1
+                pages = [np.asarray(image)]
+    if color:
+        raise InputError(f"{path}: is a color image; use gray images")
+    kinds = sorted({(page.shape, str(page.dtype)) for page in pages})
+    if len(kinds) > 1:
+        listed = enumerated([f"{kind} {shape}" for shape, kind in kinds])
+        raise InputError(f"{path}: has pages of different types or shapes ({listed}); keep only the projections")
+    # Programs that write page by page make each page a series of its own.
+    return pages[0] if len(pages) == 1 else np.stack(pages)
 
 
-def _stack(folder: Path) -> np.ndarray:
+def _stack(folder: Path, others: Collection[str | Path] = ()) -> np.ndarray:
     """Return the images of a folder, shape (views, rows, columns), in the order of the numbers in their names."""
-    files = sorted(
-        (path for path in folder.iterdir() if path.suffix.lower() in IMAGES),
-        key=lambda path: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)],
-    )
+    excluded = {Path(name).resolve() for name in others}
+    images = (path for path in files_of(folder) if path.suffix.lower() in IMAGES and path.resolve() not in excluded)
+    files = sorted(images, key=_number_key)
     if not files:
         raise InputError(f"{folder}: has no images ({' '.join(IMAGES)}); give the folder with the projections")
+    _check_names(files)
     first = _image(files[0])
     if first.ndim != 2:
         raise InputError(f"{files[0]}: has shape {first.shape}; use gray images, one per view")
@@ -112,6 +134,29 @@ def _stack(folder: Path) -> np.ndarray:
             )
         stack[index] = image
     return stack
+
+
+def _number_key(path: Path) -> list[int | str]:
+    return [int(part) if index % 2 else part for index, part in enumerate(re.split("([0-9]+)", path.name))]
+
+
+def _check_names(files: Sequence[Path]) -> None:
+    """Check that the names of sorted files differ in numbers only, and report a gap in these numbers."""
+    patterns = Counter(re.sub("[0-9]+", "#", path.stem) for path in files)
+    usual = patterns.most_common(1)[0][0]
+    for path in files:
+        if re.sub("[0-9]+", "#", path.stem) != usual:
+            raise InputError(
+                f"{path}: its name differs from {usual} (#: a number) of the others; keep only the projections in this "
+                "folder, or give this file as --flat or --dark"
+            )
+    numbers = np.array([_number_key(path)[1::2] for path in files], float)
+    varying = numbers[:, np.ptp(numbers, axis=0) > 0] if numbers.size else numbers
+    if varying.shape[1:] == (1,) and len(steps := np.diff(varying[:, 0])) > 1:
+        uneven = np.flatnonzero(steps != np.median(steps))
+        if uneven.size:
+            before, after = files[uneven[0]], files[uneven[0] + 1]
+            note(f"{before}: the next image is {after.name}; if a view is missing between, list the angles in a file")
 
 
 def _matlab(path: Path, dataset: str | None) -> np.ndarray:
@@ -156,9 +201,10 @@ def _hdf5(path: Path, dataset: str | None) -> Frames:
         file.visititems(lambda name, item: found.update({name: item} if isinstance(item, h5py.Dataset) else {}))
         arrays = {name: item for name, item in found.items() if _numeric(item)}
         if dataset is not None:
-            dataset = dataset.strip("/")
-            data = file[dataset] if dataset in file else _chosen(path, arrays, dataset)
+            chosen = file.get(dataset.strip("/") or "/")  # also a link, which visititems does not follow
+            data = chosen if isinstance(chosen, h5py.Dataset) else _chosen(path, arrays, dataset)
         else:
+            arrays = {name: item for name, item in arrays.items() if name.rpartition("/")[2] not in FIELDS}
             whole = [item for item in arrays.values() if item.ndim == max(item.ndim for item in arrays.values())]
             largest = [item for item in whole if item.size == max(item.size for item in whole)]
             if len(largest) != 1:
@@ -169,8 +215,8 @@ def _hdf5(path: Path, dataset: str | None) -> Frames:
         angles = next(
             (theta_degrees(path, beside[name]) for name in ("theta", "rotation_angle") if name in beside), None
         )
-        flat, dark = (data.parent.get(name) for name in ("data_white", "data_dark"))
-        flat, dark = (item[...] if isinstance(item, h5py.Dataset) else None for item in (flat, dark))
+        flat, dark = (data.parent.get(name) for name in FIELDS)
+        flat, dark = (item[...] if isinstance(item, h5py.Dataset) and item.size else None for item in (flat, dark))
         keys, values = beside.get("image_key"), data[...]
         if keys is not None and keys.shape == (len(values),):
             key = keys[...]

@@ -10,6 +10,7 @@ virtual-phantom-import study results/projections/GEOMETRY/NOISE FOLDER   acquisi
 """
 
 import argparse
+import re
 from collections.abc import Sequence
 
 from ...base.console import DEBUG, run_command
@@ -71,12 +72,21 @@ def run(arguments: Sequence[str]) -> int:
             unchecked = "checks of the CT to skip, as named in their messages, separated by commas"
             options.add_argument("--not-checked", default=(), type=lambda text: text.split(","), help=unchecked)
             options.add_argument("--one-slice", action="store_true", help="accept series of a single slice")
-    options = vars(parser.parse_args(arguments))
+    options = vars(parser.parse_args(_with_negative_angles(arguments)))
     importer = IMPORTERS[options.pop("format")]
     recording = importer(options.pop("source"), options.pop("folder"), **options)
     print(readable(summary_table({recording.name: summarize_recording(recording)})))
     print(f"\n{next_steps(recording)}")
     return 0
+
+
+def _with_negative_angles(arguments: Sequence[str]) -> list[str]:
+    """Join --angles and a negative start, which argparse takes for another option."""
+    words = list(arguments)
+    for index in range(len(words) - 1):
+        if words[index] == "--angles" and re.match(r"-[0-9.]", words[index + 1]):
+            return [*words[:index], f"--angles={words[index + 1]}", *words[index + 2 :]]
+    return words
 
 
 def _add_array_options(options: argparse.ArgumentParser) -> None:

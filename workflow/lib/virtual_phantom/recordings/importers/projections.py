@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,6 +21,7 @@ from . import one_checksum, write_folder, write_projections
 from .arrays import Frames, read_frames
 
 AXES = "vrc"  # view, row, column
+RADIANS_TOLERANCE = 0.005  # angles that span 180 or 360 degrees within this, in radians, are taken as radians
 UNITS = {"mm": 1.0, "um": 1e-3, ELEMENT: 1.0}  # lengths in recording.yaml per unit of the options
 
 
@@ -71,11 +75,23 @@ def import_projections(
     Raises
     ------
     InputError
-        If a file cannot be read, shapes do not fit, or the flat field, the angles or a distance are missing.
+        If a file cannot be read, shapes do not fit, options contradict each other, or the flat field, the angles or a
+        distance are missing.
     """
-    frames = read_frames(source, dataset)
+    frames = read_frames(source, dataset, [name for name in (flat, dark) if name is not None])
     data = arranged(frames.data, axes, source)
+    check_bin(bin, data.shape)
     log = log or frames.log
+    given = {"--flat": flat, "--dark": dark, "--air-columns": air_columns or None}
+    given |= {"--source-to-axis": source_to_axis, "--source-to-detector": source_to_detector}
+    if log:
+        _refuse_unused(given, ("--flat", "--dark"), "line integrals")
+    if air_columns:
+        _refuse_unused(given, ("--flat",), "--air-columns")
+    if beam == PARALLEL:
+        _refuse_unused(given, ("--source-to-axis", "--source-to-detector"), "--beam parallel")
+    if not 1 <= len(pixel) <= 2:
+        raise InputError(f"--pixel: has {len(pixel)} numbers; give the width, or the width and height")
     white, black = (
         read_field(given, stated, name, data.shape, source)
         for given, stated, name in ((flat, frames.flat, "flat"), (dark, frames.dark, "dark"))
@@ -149,6 +165,25 @@ def write_recording(
     return write_folder(folder, "projections", phantom, content, write)
 
 
+def _refuse_unused(given: dict, names: Sequence[str], other: str) -> None:
+    """Check that options are absent which have no effect beside another one."""
+    for name in names:
+        if given[name] is not None:
+            raise InputError(f"{name} has no effect with {other}; remove one of them")
+
+
+def check_bin(factor: int, shape: Sequence[int]) -> None:
+    """Check that pixels of an array [view, row, column] can be averaged.
+
+    Raises
+    ------
+    InputError
+        If they cannot.
+    """
+    if not 1 <= factor <= shape[-1]:
+        raise InputError(f"--bin {factor}: use 1 to {shape[-1]}, the number of detector columns")
+
+
 def source_files(*given: str | Path | None) -> list[Path]:
     """Return the files among options, with the files in folders."""
     return [path for name in given if name and Path(name).exists() for path in files_of(name)]
@@ -162,8 +197,11 @@ def arranged(array: np.ndarray, axes: str | None, source: str | Path) -> np.ndar
     InputError
         If it is no array of numbers, or the letters do not fit its axes.
     """
-    if array.dtype.kind not in "uif":
-        raise InputError(f"{source}: holds values of type {array.dtype}; give an array of numbers")
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "uif":  # MATLAB arrays may be sparse
+        kind = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
+        raise InputError(f"{source}: holds values of type {kind}; give an array of numbers")
+    if array.size == 0:
+        raise InputError(f"{source}: has no projections (shape {array.shape}); give the measured frames")
     axes = axes or {2: "vc", 3: AXES}.get(array.ndim, "")
     letters = axes.lower()
     if len(letters) != array.ndim or len(set(letters)) != len(letters) or not {"v", "c"} <= set(letters) <= set(AXES):
@@ -238,38 +276,81 @@ def _angles(given: str | None, frames: Frames, views: int, source: str | Path) -
     """Return one angle per view, degrees, or UNKNOWN."""
     if given == UNKNOWN:
         return UNKNOWN
-    angles, where = frames.angles_deg, source
-    if given is not None and Path(given).exists():
-        where = given
+    if given is None:
+        if frames.angles_deg is None:
+            raise InputError(f"{source}: states no view angles; give --angles START,STEP, a file, or unknown")
+        return _checked_list(frames.angles_deg, views, source)
+    if os.path.isfile(given):
         if Path(given).suffix.lower() in (".txt", ".csv", ".ang", ".dat"):
-            angles = read_angles(given)
-        else:
-            angles = np.ravel(read_frames(given).data).astype(float)
-    elif given is not None:
-        try:
-            start, step = map(float, given.split(","))
-        except ValueError:
-            raise InputError(
-                f"--angles {given}: is neither a file nor START,STEP; give two numbers in degrees, a file, or unknown"
-            ) from None
-        angles = start + step * np.arange(views)
-    if angles is None:
-        raise InputError(f"{source}: states no view angles; give --angles START,STEP, a file, or unknown")
-    if angles.shape != (views,) or not np.isfinite(angles).all():
+            return _checked_list(read_angles(given), views, given)
+        return _checked_list(np.ravel(read_frames(given).data).astype(float), views, given)
+    try:
+        start, step = map(float, given.split(","))
+    except ValueError:
+        raise InputError(
+            f"--angles {given}: is neither a file nor START,STEP; give two numbers in degrees, a file, or unknown"
+        ) from None
+    return check_angles(start + step * np.arange(views), views, f"--angles {given}")
+
+
+def check_angles(angles: np.ndarray, views: int, where: str | Path) -> np.ndarray:
+    """Return the angles if there is one per view and the views differ in direction.
+
+    Raises
+    ------
+    InputError
+        If not.
+    """
+    if angles.shape != (views,):
         raise InputError(f"{where}: has {angles.size} angles for {views} views; give one angle per view, in degrees")
+    if not np.isfinite(angles).all():
+        raise InputError(f"{where}: an angle is not finite; give one angle per view, in degrees")
+    if views > 1 and np.ptp(np.unwrap(angles, period=360)) == 0:
+        raise InputError(
+            f"{where}: all views have the angle {angles[0]:g}; give the angle of each view in degrees, or unknown"
+        )
+    return angles
+
+
+def _checked_list(angles: np.ndarray, views: int, where: str | Path) -> np.ndarray:
+    """Return listed angles if they are plausible in degrees."""
+    angles = check_angles(angles, views, where)
+    span = np.ptp(angles)
+    for radians, name in ((np.pi, "pi"), (2 * np.pi, "2 pi")):
+        # The last view repeats the first direction, or lies one step before it.
+        if views > 2 and min(abs(span - radians), abs(span * views / (views - 1) - radians)) < RADIANS_TOLERANCE:
+            raise InputError(
+                f"{where}: the angles span {span:.4g}, about {name}, so they are in radians; convert them to degrees"
+            )
     return angles
 
 
 def read_angles(path: str | Path) -> np.ndarray:
-    """Return the angles of a text file, degrees: the last number of each line; lines without a number are skipped."""
-    found = []
-    for line in Path(path).read_text(encoding="utf-8", errors="replace").splitlines():
-        words = line.replace(",", " ").replace(";", " ").split()
-        try:
-            found.append(float(words[-1]))
-        except (ValueError, IndexError):
-            continue
-    return np.array(found)
+    """Return the angles of a text file, degrees.
+
+    Each line has an angle, or the number of a view and its angle. A single line may list all angles. Comments (#) and
+    lines with words are skipped.
+
+    Raises
+    ------
+    InputError
+        If lines have several numbers, the first of which do not count the views.
+    """
+    rows = []
+    for line in Path(path).read_text(encoding="utf-8-sig", errors="replace").splitlines():
+        words = re.sub("[,;:]", " ", line.partition("#")[0]).split()
+        with contextlib.suppress(ValueError):
+            rows += [[float(word) for word in words]] if words else []
+    if len(rows) == 1:
+        return np.array(rows[0])
+    width = max(map(len, rows), default=1)
+    counted = width == 2 and all(len(row) == 2 and row[0] == rows[0][0] + index for index, row in enumerate(rows))
+    if width > 1 and not counted:
+        raise InputError(
+            f"{path}: has several numbers in a line; give one angle per line, with a decimal point, or the number of "
+            "the view and its angle"
+        )
+    return np.array([row[-1] for row in rows])
 
 
 def scan_section(
