@@ -27,6 +27,7 @@ from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.scenes.scene import VoxelScene
 
 WIDE = np.full(3, np.inf)
+WIDTH = next(parameter for parameter in load("focal_spot").parameters if parameter.name == "width_mm")
 
 
 def exact(matrix, right):
@@ -208,7 +209,7 @@ def test_blur_is_found_from_a_zero_start(width_mm):
 
 @given(st.floats(0, 16), st.floats(1e-6, 20))
 def test_intervals_of_a_value_equal_those_of_its_square(number, error):
-    one = Unknown("focal_spot", "width_mm", 0.0, 16.0, (1.0,), 0.0, 8.0, 16.0, power=2)
+    one = Unknown("focal_spot", replace(WIDTH, power=2), 0.0, 16.0, (1.0,), 0.0, 8.0, 16.0)
     assert one.of(one.value(number)) == pytest.approx(number)
     value, reach = one.value(number), NORMAL_95 * one.value_error(number, error)
     assert (value + reach) ** 2 >= (number + NORMAL_95 * error) * (1 - 1e-9)
@@ -392,5 +393,5 @@ def test_fit_in_a_valley_ends_at_the_fit_from_the_true_values():
 @pytest.mark.parametrize("power", [1, 2, LOGARITHM])
 @pytest.mark.parametrize("number, error", [(1.5, 0.2), (1.5, 0.7), (0.0, 0.4)])
 def test_errors_of_values_transform_back_to_those_of_parameters(power, number, error):
-    one = Unknown("effect", "name", -9.0, 9.0, (0.0,), None, 0.0, 1.0, power)
+    one = Unknown("focal_spot", replace(WIDTH, power=power), -9.0, 9.0, (0.0,), None, 0.0, 1.0)
     assert one.number_error(one.value(number), one.value_error(number, error)) == pytest.approx(error)

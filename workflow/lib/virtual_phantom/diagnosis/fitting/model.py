@@ -173,7 +173,7 @@ class Model(ABC):
             if not declared.sd:
                 return None
             expected, sd = declared.variable_prior(parameter)
-            return Unknown(name, parameter.name, low, high, (expected,), None, expected, sd, parameter.power)
+            return Unknown(name, parameter, low, high, (expected,), None, expected, sd)
         expected, sd = (low + high) / 2, high - low  # a wide prior, against runaways
         starts = (min(max(parameter.to_variable(parameter.start), low), high),)
         # Below the slice spacing, the slice thickness has no effect, so a fit that starts there would not change it.
@@ -184,7 +184,7 @@ class Model(ABC):
             low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
         neutral = None if parameter.neutral is None else parameter.to_variable(parameter.neutral)
         starts = tuple(dict.fromkeys(starts))
-        return Unknown(name, parameter.name, low, high, starts, neutral, expected, sd, parameter.power)
+        return Unknown(name, parameter, low, high, starts, neutral, expected, sd)
 
     @property
     def distortions(self) -> tuple[str, ...]:

@@ -131,7 +131,7 @@ class Problem:
     def _new_strengths(self) -> list[bool]:
         """Return for each unknown whether its effect is new and changes the data steadily from its neutral value."""
         return [
-            fresh and unknown.neutral is not None and not unknown.periodic
+            fresh and unknown.neutral is not None and not unknown.parameter.periodic
             for unknown, fresh in zip(self.unknowns, self.fresh, strict=True)
         ]
 

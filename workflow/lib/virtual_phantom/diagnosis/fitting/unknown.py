@@ -17,8 +17,8 @@ class Unknown:
 
     Attributes
     ----------
-    effect, name : str
-        Effect and parameter.
+    parameter : Parameter
+        Parameter of the effect in the recorded scan.
     low, high : float
         Plausible range.
     starts : tuple of float
@@ -27,39 +27,40 @@ class Unknown:
         Value of the variable at which the effect does nothing, if there is one.
     expected, sd : float
         Gaussian prior. Without further knowledge it is as wide as the range, so that fits do not diverge.
-    power : int
-        As in Parameter.
-    periodic : bool
-        Whether the data change periodically, so that they do not change steadily from the neutral value.
     """
 
     effect: str
-    name: str
+    parameter: Parameter
     low: float
     high: float
     starts: tuple[float, ...]
     neutral: float | None
     expected: float
     sd: float
-    power: int = 1
-    periodic: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.parameter.name
 
     def of(self, value: float) -> float:
         """Return the variable for a value of the parameter."""
-        return math.log(value) if self.power == LOGARITHM else value**self.power
+        return self.parameter.to_variable(value)
 
     def value(self, number: float) -> float:
         """Return the value of the parameter for a value of the variable."""
-        return math.exp(number) if self.power == LOGARITHM else number ** (1 / self.power)
+        power = self.parameter.power
+        return math.exp(number) if power == LOGARITHM else number ** (1 / power)
 
     def value_error(self, number: float, error: float) -> float:
         """Return the standard error of the parameter.
 
         The 95 % interval of the parameter contains the transformed 95 % interval of the variable.
         """
-        if self.power == 1 or not np.isfinite(error):
+        power = self.parameter.power
+        if power == 1 or not np.isfinite(error):
             return error
-        if self.power == LOGARITHM:
+        if power == LOGARITHM:
             error = min(error, self.high - self.low)  # more than the whole range overflows
             ends = [self.value(number + side * NORMAL_95 * error) for side in (-1, 1)]
         else:
@@ -71,16 +72,12 @@ class Unknown:
 
         This is the inverse of `value_error`, or its smallest solution if an end of the interval was cut.
         """
-        if self.power == 1 or not np.isfinite(error):
+        power = self.parameter.power
+        if power == 1 or not np.isfinite(error):
             return error
         reach = NORMAL_95 * error
-        other = value - reach if self.power != LOGARITHM and value >= (1 - ROUNDING) * reach else value + reach
+        other = value - reach if power != LOGARITHM and value >= (1 - ROUNDING) * reach else value + reach
         return abs(self.of(other) - self.of(value)) / NORMAL_95
-
-    @property
-    def parameter(self) -> Parameter:
-        """The parameter that the variable represents."""
-        return next(parameter for parameter in load(self.effect).parameters if parameter.name == self.name)
 
     @property
     def moves(self) -> bool:

@@ -84,8 +84,7 @@ class ImagesModel(Model):
             lengths = [float(np.clip(radius + pixel, parameter.low, parameter.high))]
         else:
             return found
-        starts = (*found.starts, *map(parameter.to_variable, lengths))
-        return replace(found, starts=starts, periodic=parameter.periodic)
+        return replace(found, starts=(*found.starts, *map(parameter.to_variable, lengths)))
 
     def nuisances_for(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """Return the nuisance parameters. With absolute attenuation, the scale has the wide prior of WATER_SD."""

@@ -125,11 +125,10 @@ def effects_at_bounds(fit: Fit, model: Model) -> list[str]:
 def _at_bounds(fit: Fit, model: Model) -> list[tuple[str, Parameter, str]]:
     """Return effect, parameter and a phrase for each parameter that the data measure and that is at its bound."""
     found = []
-    plausible = {(name, parameter.name): parameter for name in fit.effects for parameter in model.parameters(name)}
     for unknown in model.unknowns(fit.effects):
         value, error = fit.physics[unknown.effect][unknown.name], fit.errors[unknown.effect].get(unknown.name, 0.0)
         low, high = unknown.value(unknown.low), unknown.value(unknown.high)
-        parameter = plausible[unknown.effect, unknown.name]
+        parameter = unknown.parameter
         if parameter.fraction or WELL_KNOWN * error > high - low:  # the data do not measure it
             continue
         # A lower end of 0 is the absence of the effect.
