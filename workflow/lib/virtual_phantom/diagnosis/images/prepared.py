@@ -240,9 +240,7 @@ def prepare(
         floor = np.hypot(floor, white(np.broadcast_to(known_error, expected.shape)))
     floor = np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
     fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
-    return PreparedImages(
-        fitter, data, held_out, white.sd**2, words, len(repeats) == 1, photons, noise_of_scan=noise_of_scan
-    )
+    return PreparedImages(fitter, white.sd**2, words, len(repeats) == 1, photons, noise_of_scan=noise_of_scan)
 
 
 def _noise(

@@ -180,7 +180,7 @@ class PreparedScans(Prepared):
         variance = self.variance * self.second_difference / now
         weighed = _weighed(variance, data, clean)
         fitter = Fitter(model, data, held_out, weighed, _floor(data))
-        return replace(self, fitter=fitter, data=data, held_out=held_out, variance=variance, second_difference=now)
+        return replace(self, fitter=fitter, variance=variance, second_difference=now)
 
     def caveats(self, fit: Fit) -> list[str]:
         """See Prepared.caveats."""
@@ -297,7 +297,7 @@ def prepare(
     model = ScansModel(chain, aligned, numerical=numerical, object_errors=errors, first=first, **label)
     fitter = Fitter(model, data, held_out, weighed, floor)
     more = {"step": step, "second_difference": noise.second_difference}
-    return PreparedScans(fitter, data, held_out, noise.variance, words, noise.single, noise.photons, **more)
+    return PreparedScans(fitter, noise.variance, words, noise.single, noise.photons, **more)
 
 
 def _floor(data: ObservedScans) -> np.ndarray:

@@ -111,8 +111,6 @@ class Prepared(ABC):
     display: ClassVar[ResidualMaps]
 
     fitter: Fitter
-    data: Observed
-    held_out: Observed
     variance: np.ndarray
     held_out_text: str
     single: bool
@@ -120,6 +118,16 @@ class Prepared(ABC):
     step: int = 1
     time_remark: str | None = None
     voxels: str | None = None
+
+    @property
+    def data(self) -> Observed:
+        """Fitted data."""
+        return self.fitter.data
+
+    @property
+    def held_out(self) -> Observed:
+        """Held-out data."""
+        return self.fitter.held_out
 
     @property
     def usable(self) -> np.ndarray:
