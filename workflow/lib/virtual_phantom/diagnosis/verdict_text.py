@@ -14,7 +14,12 @@ from ..physics.effect import load
 from .request import LOCATION_DIGITS
 from .residuals import KINDS
 
-MATCH, UNEXPLAINED = "match", "unexplained"
+VERDICTS = MATCH, EXPLAINED, PARTLY_EXPLAINED, UNEXPLAINED = (
+    "match",
+    "mismatch explained",
+    "mismatch partly explained",
+    "unexplained",
+)
 PRACTICAL = "match for practical purposes"
 SETUP_VERDICTS = {"description": "description wrong", "object": "another object", "empty": "nothing in the beam"}
 # Formats of differences in images.
@@ -59,6 +64,13 @@ class VerdictLine:
 
     def __str__(self) -> str:
         return f"{self.label}: {self.text}."
+
+
+def verdict_of(explained: bool, remains: bool) -> str:
+    """Return the verdict, by whether a mismatch is explained and whether a mismatch remains."""
+    if explained:
+        return PARTLY_EXPLAINED if remains else EXPLAINED
+    return UNEXPLAINED if remains else MATCH
 
 
 def _line(label: str, text: str, rank: int = 0) -> VerdictLine | None:

@@ -12,8 +12,7 @@ from ...base.names import label
 from ...base.streams import generator
 from ...features.names import EVERY_FAMILY, family
 from ...statistics.comparison import MARGIN_SD
-from ..verdict.verdict import VERDICTS
-from ..verdict_text import feature_lines, with_verdict_text
+from ..verdict_text import feature_lines, verdict_of, with_verdict_text
 from .properties import FOLDS, Property, calibration
 from .residuals import FeatureLocation, FeatureLocations, compare_features
 from .responses import Responses, finer, removed
@@ -63,7 +62,6 @@ def diagnose_features(
     chosen = differ and trial.is_explanation
     after = compare_features(data, trial.held_out_features) if chosen else before
     left = after.significant
-    verdict = VERDICTS[(2 if left else 1) if chosen else (3 if differ else 0)]
     rivals = [rival.name for rival in alternatives(found)] if chosen else []
     effect = {
         "name": best.name,
@@ -73,7 +71,7 @@ def diagnose_features(
     }
     content = {
         "recording": name,
-        "verdict": verdict,
+        "verdict": verdict_of(chosen, bool(left)),
         "locations": [_content(location) for location in before.significant],
         "effects": [effect] if chosen else [],
         "ambiguous_with": {best.name: rivals} if chosen else {},

@@ -13,8 +13,7 @@ from ..residuals.dataset import Prepared
 from ..selection.joint_selection import JointChoice, choose_jointly
 from ..settings import RecordingSettings
 from ..uncertainty.model_error import influences_of_recordings, joint_errors_with_models
-from ..verdict.verdict import VERDICTS
-from ..verdict_text import scanner_lines, with_verdict_text
+from ..verdict_text import scanner_lines, verdict_of, with_verdict_text
 from .consistency import Alone, alone
 from .content import alone_content, declared_content, effect_content, recording_content, removed
 
@@ -108,7 +107,7 @@ def run_scanner_diagnosis(
     )
     content = {
         "scanner": name,
-        "verdict": VERDICTS[(2 if left else 1) if chosen.effects or off else (3 if left else 0)],
+        "verdict": verdict_of(bool(chosen.effects) or off, left),
         "effects": [effect_content(effect, choice, together.protocols, errors) for effect in chosen.effects],
         "declared": known,
         "declared_of_protocols": of_protocols,

@@ -20,12 +20,12 @@ from ..selection.forward_selection import AS_GOOD, LEAST_GAIN, Choice
 from ..uncertainty.intervals import intervals
 from ..uncertainty.model_error import Errors
 from ..verdict_text import (
-    MATCH,
     UNEXPLAINED,
     VerdictLine,
     effect_name,
     recording_lines,
     shortened,
+    verdict_of,
     with_verdict_text,
 )
 from .object_alternative import imitating_effects, object_alternatives
@@ -40,7 +40,6 @@ OBJECT_TURNED = (
     "scanner does not"
 )
 OTHER_OBJECT = "to distinguish {} from an error of the object, scan another object, use another tube voltage"
-VERDICTS = (MATCH, "mismatch explained", "mismatch partly explained", UNEXPLAINED)
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,8 @@ def diagnose(
     beside = {name: kinds(fit) for name, fit in choice.without.items()}
     outside = better_changes(choice, beside, max(AS_GOOD, choice.tolerance))
     off = any(parameter["off"] for parameters in known.values() for parameter in parameters.values())
-    verdict = VERDICTS[(2 if left or doubted or outside else 1) if effects or off else (0 if not left else 3)]
+    explained = bool(effects) or off
+    verdict = verdict_of(explained, bool(left or (explained and (doubted or outside))))
     at_bounds = effects_at_bounds(choice.chosen.fit, fitter.model)
     if effects and set(effects) == set(at_bounds):
         verdict = UNEXPLAINED

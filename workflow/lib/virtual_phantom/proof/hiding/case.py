@@ -10,16 +10,14 @@ from pathlib import Path
 
 from ...base.errors import InputError
 from ...diagnosis.residuals.residual_tests import ALPHA
-from ...diagnosis.verdict.verdict import VERDICTS
-from ...diagnosis.verdict_text import PRACTICAL
+from ...diagnosis.verdict_text import MATCH, PARTLY_EXPLAINED, PRACTICAL, UNEXPLAINED
 from ...physics.effect import names
 from .hidden_effect import EQUATIONS, STRENGTHS
 
 CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")
-MATCH, EXPLAINED, PARTLY, UNEXPLAINED = VERDICTS
 MATCHES = (MATCH, PRACTICAL)  # nothing relevant is missing
-ADMITTED = (PARTLY, UNEXPLAINED)  # verdicts that report unexplained differences
+ADMITTED = (PARTLY_EXPLAINED, UNEXPLAINED)  # verdicts that report unexplained differences
 EFFECTS_OF = {"single": 1, "none": 0, "pair": 2}  # number of effects, all of them in the library
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import expit
 
 from ...diagnosis.selection.forward_selection import AS_GOOD
-from ...diagnosis.verdict_text import PRACTICAL
-from ..hiding.case import EXPLAINED, MATCH, PARTLY, UNEXPLAINED, Case
+from ...diagnosis.verdict_text import EXPLAINED, MATCH, PARTLY_EXPLAINED, PRACTICAL, UNEXPLAINED
+from ..hiding.case import Case
 from .intervals import share
 
 GAINS = (-np.inf, 10.0, 30.0, 100.0, 1000.0, np.inf)
@@ -82,7 +82,7 @@ STATEMENTS: dict[str, Callable[[Case], bool]] = {
     MATCH: lambda case: case.category == "none",
     PRACTICAL: lambda case: case.category == "none",
     EXPLAINED: lambda case: case.exact,
-    PARTLY: lambda case: not set(case.hidden) <= set(case.named),
+    PARTLY_EXPLAINED: lambda case: not set(case.hidden) <= set(case.named),
     UNEXPLAINED: lambda case: not case.in_library,
 }
 

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from ...base.errors import InputError
-from ...diagnosis.verdict.verdict import VERDICTS
-from ...diagnosis.verdict_text import PRACTICAL
+from ...diagnosis.verdict_text import PRACTICAL, VERDICTS
 from ..hiding import seal
 from ..hiding.case import Case, checked
 from .verdicts import read_verdicts, verdict_document

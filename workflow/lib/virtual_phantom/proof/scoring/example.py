@@ -10,8 +10,9 @@ import numpy as np
 from ...base.errors import InputError
 from ...base.names import label
 from ...diagnosis.selection.store import RESIDUAL_MAPS
+from ...diagnosis.verdict_text import EXPLAINED
 from ...io.files import check_unchanged
-from ..hiding.case import EXPLAINED, Case
+from ..hiding.case import Case
 
 MEAN = "projections"  # the domain of the mean, ray by ray
 SHOWN_FIRST = ("strong", "medium", "weak", None)

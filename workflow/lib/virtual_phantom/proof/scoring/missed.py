@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from ...base.names import label
 from ...diagnosis.selection.forward_selection import AS_GOOD, RULED_OUT
+from ...diagnosis.verdict_text import UNEXPLAINED
 from ...figures.style import number
-from ..hiding.case import UNEXPLAINED, Case
+from ..hiding.case import Case
 
 
 def why(case: Case) -> list[str]:
