@@ -36,6 +36,11 @@ class Blocks:
         index = (axes[0][:, None, None] * parts[1] + axes[1][:, None]) * parts[2] + axes[2]
         return cls(index, int(np.prod(parts)), parts)
 
+    def bounds(self, axis: int) -> list[int]:
+        """Return the first position of every block along an axis, followed by the number of positions."""
+        length, parts = self.index.shape[axis], self.shape[axis]
+        return [-(-length * part // parts) for part in range(parts + 1)]
+
     def sum(self, array: np.ndarray) -> np.ndarray:
         """Return sums over every block, shape (blocks,)."""
         return np.bincount(self.index.ravel(), np.broadcast_to(array, self.index.shape).ravel(), self.count)

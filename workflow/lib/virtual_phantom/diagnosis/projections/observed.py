@@ -260,9 +260,8 @@ def _variance_factors(correlations: Correlations, blocks: Blocks) -> tuple[float
     shape = blocks.index.shape
     of_all = np.prod([correlations.variance_of_squares(axis, length) for axis, length in enumerate(shape)])
     of_part = []  # by axis
-    for axis, (length, parts) in enumerate(zip(shape, blocks.shape, strict=True)):
-        ends = [-(-length * i // parts) for i in range(parts + 1)]  # as Blocks.of divides them
-        places = (slice(*pair) for pair in pairwise(ends))
+    for axis, length in enumerate(shape):
+        places = (slice(*pair) for pair in pairwise(blocks.bounds(axis)))
         of_part.append([correlations.variance_of_squares(axis, length, place) for place in places])
     return float(of_all), np.multiply.outer(np.multiply.outer(*of_part[:2]), of_part[2]).ravel()
 

@@ -97,8 +97,7 @@ def domain_tests(
 
 
 def _block_z(residual, weight, data, left, variance: ExtraVariance) -> np.ndarray:
-    views, parts = weight.shape[0], data.blocks.shape[0]
-    starts = [-(-views * i // parts) for i in range(parts)]  # as Blocks.of divides them
+    starts = data.blocks.bounds(0)[:-1]
     pixels = np.add.reduceat(weight, starts, axis=0)
     extra = np.zeros(data.blocks.count) + variance.of_block(data.blocks.sum)
     for part, start in enumerate(starts):

@@ -303,15 +303,15 @@ def blocks(
     division : Blocks, optional
         None: the data's blocks.
     """
-    shape = (division or data.blocks).shape
+    division = division or data.blocks
     worst = int(np.argmax(np.abs(z)))
-    position = np.unravel_index(worst, shape)
-    ranges = [
-        f"{name} {every * -(-n * i // parts)} to {every * (-(-n * (i + 1) // parts) - 1)}"
-        for name, n, i, parts, every in zip(axes, data.mean.shape, position, shape, (step, 1, 1), strict=True)
-    ]
+    ranges = []
+    for axis, block in enumerate(np.unravel_index(worst, division.shape)):
+        first, end = division.bounds(axis)[block : block + 2]
+        every = step if axis == 0 else 1
+        ranges.append(f"{axes[axis]} {every * first} to {every * (end - 1)}")
     p = _p_value(normal_scores(z, weighed))
-    return DomainTest(domain, ", ".join(ranges), float(z[worst]), p, z.reshape(shape))
+    return DomainTest(domain, ", ".join(ranges), float(z[worst]), p, z.reshape(division.shape))
 
 
 def by_value(
