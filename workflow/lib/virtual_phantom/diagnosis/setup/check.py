@@ -42,18 +42,26 @@ NOT_CHECKED = {
 
 def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult | None:
     """Compare a recording with its description; None if the check is switched off or not possible."""
-    if not request.settings.check_setup or not isinstance(recording, ProjectionsRecording | ImagesRecording):
+    if not request.settings.check_setup:
         return None
-    if isinstance(recording, ImagesRecording) and request.settings.simulation is not None:
+    if isinstance(recording, ProjectionsRecording):
+        return _check_projections(recording, request)
+    return _check_images(recording, request) if isinstance(recording, ImagesRecording) else None
+
+
+def _check_images(recording: ImagesRecording, request: DiagnosisRequest) -> SetupResult | None:
+    if request.settings.simulation is not None:
         return None  # in the recording's geometry
-    if isinstance(recording, ImagesRecording) and not request.settings.of_phantom:
+    if not request.settings.of_phantom:
         return locate(recording, request)
-    if isinstance(recording, ImagesRecording):
-        phantom = read_nifti(request.phantom)
-        repeats = np.stack([repeat.array for repeat in recording.repeats])
-        # The center of the images is assumed to be the isocenter.
-        grid = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
-        return orientation(repeats, phantom.array, phantom.grid, grid)
+    phantom = read_nifti(request.phantom)
+    repeats = np.stack([repeat.array for repeat in recording.repeats])
+    # The center of the images is assumed to be the isocenter.
+    grid = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
+    return orientation(repeats, phantom.array, phantom.grid, grid)
+
+
+def _check_projections(recording: ProjectionsRecording, request: DiagnosisRequest) -> SetupResult:
     taken = scans(recording.repeats)
     known = {number.name: SURE * number.sd for number in nuisances(0.0, 1.0, request.alignment(recording.nominal))}
     reach = {name: known[name] for name in (*PLACE, "scale")}
