@@ -40,12 +40,16 @@ def run_parallel(
     import scipy.linalg  # noqa: F401  slow; threads of libraries that are loaded later would not be limited
 
     global _work
-    at_once, before = min(processes, len(tasks)), _work
+    at_once, before, done = min(processes, len(tasks)), _work, done or (lambda: None)
     _work = work
     try:
         if at_once <= 1:  # this process has the cache of traced rays
             with threadpool_limits(1):
-                return [_counted(work(*task), done) for task in tasks]
+                found = []
+                for task in tasks:
+                    found.append(work(*task))
+                    done()
+                return found
         forked = multiprocessing.get_context("fork")
         with ProcessPoolExecutor(at_once, forked, _use_one_thread) as pool:
             return _of_all([pool.submit(_one, task) for task in tasks], done)
@@ -67,12 +71,12 @@ def _one(task: tuple):
     return _work(*task)
 
 
-def _of_all(futures: list[Future], done: Callable[[], None] | None) -> list:
+def _of_all(futures: list[Future], done: Callable[[], None]) -> list:
     """Return results in order; after a failure no other task is begun."""
 
     def count(future: Future) -> None:
         if not future.cancelled() and future.exception() is None:
-            _counted(None, done)
+            done()
 
     for future in futures:
         future.add_done_callback(count)
@@ -81,9 +85,3 @@ def _of_all(futures: list[Future], done: Callable[[], None] | None) -> list:
     finally:
         for future in futures:
             future.cancel()
-
-
-def _counted(result: Result, done: Callable[[], None] | None) -> Result:
-    if done is not None:
-        done()
-    return result
