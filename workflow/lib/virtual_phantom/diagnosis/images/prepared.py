@@ -215,10 +215,10 @@ def prepare(
     needs_prior = nominal_photons or len(fitted) == 1 or of_slices
     errors = ObjectErrors()
     if uncertain is not None:
-        numbers, changes, *_ = uncertain.amounts(chain.geometry, chain.samples, pose)
-        if numbers:
-            images = [white(reconstruct(change[None])[0] - HU_AIR).astype(np.float32) for change in changes]
-            errors = ObjectErrors(numbers, np.stack(images))
+        of_lines = uncertain.errors_without_edges(chain.geometry, chain.samples, pose)
+        if of_lines.numbers:
+            images = [white(reconstruct(change[None])[0] - HU_AIR).astype(np.float32) for change in of_lines.changes]
+            errors = ObjectErrors(of_lines.numbers, np.stack(images))
     final = model(log_photons, NOMINAL_PHOTONS_SD if needs_prior else np.inf, object_errors=errors)
     if of_slices:
         final.recorded_noise, nulls = recorded_noise, noise

@@ -199,7 +199,7 @@ class FurtherScan:
         if self.scene is not model.chain.scene:
             stated = stated.another(self.scene)
         place = pose_of({number.name: number.expected for number in aligned})
-        return ObjectErrors(*stated.amounts(chain.geometry, chain.samples, place))
+        return stated.errors_without_edges(chain.geometry, chain.samples, place)
 
 
 @dataclass(frozen=True)

@@ -228,8 +228,8 @@ class StatedObject:
                 raise InputError(
                     f"object_uncertainty.materials: the object has no material '{name}'; {did_you_mean(name, names)}"
                 )
-        amounts = self.amounts(geometry, samples, pose, about)
-        return ObjectErrors(*amounts, self._edges(geometry, samples), self)
+        found = self.errors_without_edges(geometry, samples, pose, about)
+        return replace(found, edges=self._edges(geometry, samples), stated=self)
 
     @property
     def alignment(self) -> dict[str, float]:
@@ -297,20 +297,18 @@ class StatedObject:
         parts = parts_of_shapes(self.scene.shapes)
         return _grown(self.scene, parts, {name: about.get(SURFACE + name, 0.0) for name in parts})
 
-    def amounts(
+    def errors_without_edges(
         self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float] | None = None
-    ) -> tuple[tuple[Nuisance, ...], np.ndarray, np.ndarray | float, np.ndarray | float]:
-        """Return numbers, changes, constant and left of ObjectErrors, for densities or HU and surfaces."""
+    ) -> ObjectErrors:
+        """Return the errors of densities or HU and of surfaces; arguments as in `errors`."""
         if not self.has_surfaces:  # density and size are parameters of the alignment
-            return (), np.zeros((0, *geometry.shape), np.float32), 0.0, 0.0
+            return ObjectErrors()
         if isinstance(self.scene, ShapesScene):
             return self._of_shapes(geometry, samples, pose, about or {})
         return self._of_grid(geometry, samples, pose, about or {})
 
-    def _of_shapes(
-        self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float]
-    ) -> tuple[tuple[Nuisance, ...], np.ndarray, np.ndarray | float, float]:
-        """As `amounts`, for density and surface of each shape."""
+    def _of_shapes(self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float]) -> ObjectErrors:
+        """Return the errors of the density and the surface of each shape."""
         scene, parts = self.scene, parts_of_shapes(self.scene.shapes)
         of_shape = {index: name for name, indices in parts.items() for index in indices}
         material = {name: scene.shapes[indices[0]].material for name, indices in parts.items()}
@@ -347,12 +345,10 @@ class StatedObject:
         changes = np.concatenate([through, growth]).astype(np.float32)
         values = [about.get(number.name, 0.0) for number in (*densities, *surfaces)]
         constant = here - with_surfaces - np.tensordot(values, changes, 1) if any(values) else 0.0
-        return (*densities, *surfaces), changes, constant, 0.0
+        return ObjectErrors((*densities, *surfaces), changes, constant)
 
-    def _of_grid(
-        self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float]
-    ) -> tuple[tuple[Nuisance, ...], np.ndarray, np.ndarray, np.ndarray]:
-        """As `amounts`, for voxels."""
+    def _of_grid(self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float]) -> ObjectErrors:
+        """Return the errors of densities or HU and of surfaces of voxels."""
         errors, surfaces = self._of_volumes
         by_mm = {name: about.get(SURFACE + name, 0.0) for name in surfaces.growth}
         moved = surfaces.grown(by_mm)
@@ -375,7 +371,8 @@ class StatedObject:
         change = np.log(sums[-1] / sums[-2])
         # Rows that see the same edge share the error; weights of rays count them as independent.
         share = SURFACES_LEFT * surfaces.spacing_mm[2] * geometry.magnification / geometry.column_pitch_mm
-        return numbers, changes, change - linear, share * np.sqrt(together(change, 1)) * np.abs(change)
+        left = share * np.sqrt(together(change, 1)) * np.abs(change)
+        return ObjectErrors(numbers, changes, change - linear, left)
 
     def _of_labels(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
         best, spacing = self._best, self._best.grid.spacing
