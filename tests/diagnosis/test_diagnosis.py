@@ -272,7 +272,7 @@ def test_numerical_errors_do_not_correlate_the_halves():
     random = np.random.default_rng(6)
     rays = 4000
     error = 0.5 * random.normal(size=rays)  # in standard deviations of the noise
-    data = SimpleNamespace(numerical=(error,), variance=None, scatter=0.0)
+    data = SimpleNamespace(numerical=(error,), variance=None, weight_variance=0.0)
 
     def z(common):
         first, second = (HalfResiduals([random.normal(size=rays) + common], [np.ones(rays)], data) for _ in range(2))

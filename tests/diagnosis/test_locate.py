@@ -27,10 +27,10 @@ def test_scores_of_known_weights_are_unchanged():
     assert np.isfinite(normal_scores(1e4 * z, 0.01)).all()
 
 
-def observed(blocks: Blocks, weighed) -> ObservedScans:
+def observed(blocks: Blocks, weights) -> ObservedScans:
     everything = np.ones(SHAPE)
     missing = dict.fromkeys(("variance", "variance_error", "correlation", "correlation_error", "white"))
-    return ObservedScans(everything, 2, everything > 0, blocks, everything, **missing, weighed=weighed)
+    return ObservedScans(everything, 2, everything > 0, blocks, everything, **missing, block_weight_variance=weights)
 
 
 def test_measured_weights_do_not_raise_the_score_of_a_location():

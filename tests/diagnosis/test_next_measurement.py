@@ -144,9 +144,10 @@ def test_expected_gain_of_a_pair_equals_that_of_two_fits():
     fitter = prepared.fitter
     fits = {name: fitter.fit((name,)) for name in ("veiling_glare", "scatter")}
     scan, model = FurtherScan("disc", "", fitter.model.chain.scene, GEOMETRY), fitter.model
-    weighed, conditions = fits["veiling_glare"], conditions_of(prepared)
+    noise_fit, conditions = fits["veiling_glare"], conditions_of(prepared)
     parts = {
-        name: [scan.information(model, fit, conditions, again=True, weighed=weighed)] for name, fit in fits.items()
+        name: [scan.information(model, fit, conditions, existing=True, noise_fit=noise_fit)]
+        for name, fit in fits.items()
     }
     measured = fitter.score(fits["veiling_glare"]) - fitter.score(fits["scatter"])
     assert measured > 1000

@@ -99,7 +99,7 @@ class Observed:
         Variance of the logarithm of a single block's variance, over the square of `variance_error`.
     whitening : Whitening or None
         Filter that makes the mean's noise white; None: it is white.
-    weighed : ndarray, shape (blocks,), or float
+    block_weight_variance : ndarray, shape (blocks,), or float
         Relative variance of the mean's weights, which are measured by block.
     coarser : Blocks or None
         Blocks for which only the relative variance is known; None: the variance of `blocks` is known absolutely.
@@ -117,7 +117,7 @@ class Observed:
     numerical: tuple[np.ndarray, ...] = ()
     alone: np.ndarray | float = 1.0
     whitening: Whitening | None = None
-    weighed: np.ndarray | float = 0.0
+    block_weight_variance: np.ndarray | float = 0.0
     coarser: Blocks | None = None
 
     @property
@@ -186,10 +186,10 @@ class Observed:
         return found
 
     @property
-    def scatter(self) -> np.ndarray:
+    def weight_variance(self) -> np.ndarray:
         """Relative variance of each datum's weight, or one number for all."""
-        weighed = np.asarray(self.weighed)
-        return self.blocks.spread(weighed) if weighed.ndim else weighed
+        of_blocks = np.asarray(self.block_weight_variance)
+        return self.blocks.spread(of_blocks) if of_blocks.ndim else of_blocks
 
     @property
     def counted(self) -> np.ndarray:

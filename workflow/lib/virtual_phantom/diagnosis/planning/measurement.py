@@ -102,9 +102,9 @@ class FurtherScan:
         conditions: Conditions,
         own: Collection[str] = (),
         *,
-        again: bool = False,
+        existing: bool = False,
         beside: MeasurementInformation | None = None,
-        weighed: Fit | None = None,
+        noise_fit: Fit | None = None,
         protocol: str = "",
     ) -> MeasurementInformation:
         """Return the expected information about the parameters of one explanation.
@@ -115,16 +115,16 @@ class FurtherScan:
             Model of the existing recording, and its fit with the effects of the explanation.
         own : collection of str
             Effects that are specific to each scan and absent in this one.
-        again : bool, optional
+        existing : bool, optional
             Whether this is the existing recording, with its fitted alignment and all its effects.
         beside : MeasurementInformation, optional
             Information of another explanation. Its steps of derivatives are used if it has the same parameters.
-        weighed : Fit, optional
+        noise_fit : Fit, optional
             Fit whose noise weights the data, the same for all explanations; None: `fit`.
         protocol : str, optional
             See information.keys_of.
         """
-        problem = self.problem(model, fit, conditions, () if again else own, again, weighed)
+        problem = self.problem(model, fit, conditions, () if existing else own, existing, noise_fit)
         keys = keys_of(problem, self.name, own, protocol)
         known = {} if beside is None else dict(zip(beside.keys, beside.steps, strict=True))
         if set(keys) <= set(known):
@@ -139,14 +139,14 @@ class FurtherScan:
         fit: Fit,
         conditions: Conditions,
         off: Collection[str] = (),
-        again: bool = False,
-        weighed: Fit | None = None,
+        existing: bool = False,
+        noise_fit: Fit | None = None,
     ) -> Problem:
         """Return the least-squares problem of a fit of the scan, for a subset of views, without the effects `off`."""
         chain = self.chain(model.chain)
         step = thinning(chain.geometry)
         chain = chain.copy(chain.geometry.every(step)) if step > 1 else chain
-        aligned = self._aligned(model, weighed or fit)
+        aligned = self._aligned(model, noise_fit or fit)
         known = {"tube_kvp": model.tube_kvp, "density": model.density, "declared": model.declared}
         errors = self._object_errors(model, chain, aligned)
         further = ScansModel(chain, aligned, anode=model.anode, object_errors=errors, **known)
@@ -157,10 +157,10 @@ class FurtherScan:
                 for name, values in one.physics.items()
             }
             expected = {number.name: number.expected for number in further.nuisances_for(fit.effects)}
-            nuisance = {name: one.nuisance[name] if again else value for name, value in expected.items()}
+            nuisance = {name: one.nuisance[name] if existing else value for name, value in expected.items()}
             return replace(one, effects=fit.effects, physics=physics, nuisance=nuisance, linearization=model.nominal)
 
-        fitter = _expecting(further, here(weighed or fit), conditions, step)
+        fitter = _expecting(further, here(noise_fit or fit), conditions, step)
         return Problem(fitter, fit.effects, here(fit))
 
     def _steps(self, problem: Problem) -> np.ndarray:

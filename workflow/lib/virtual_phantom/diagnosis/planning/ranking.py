@@ -152,7 +152,7 @@ def rank(
         parts, beside = {}, None
         for label, fits in explanations.items():
             fit = fits[first]
-            more = {"beside": beside, "weighed": chosen[first], "protocol": protocols[first]}
+            more = {"beside": beside, "noise_fit": chosen[first], "protocol": protocols[first]}
             made_of = measurement.information(model, fit, conditions, scan_effects(), **more)
             beside = beside or made_of
             parts[label] = [*there[label], made_of]
@@ -170,7 +170,7 @@ def _information_of_recordings(
         first, there[label] = there.get("", [None] * len(fits)), []
         for (name, fit), beside in zip(fits.items(), first, strict=True):
             model, conditions = prepared[name].fitter.model, conditions_of(prepared[name])
-            more = {"again": True, "beside": beside, "weighed": chosen[name], "protocol": protocols[name]}
+            more = {"existing": True, "beside": beside, "noise_fit": chosen[name], "protocol": protocols[name]}
             there[label].append(existing_scan(name, model).information(model, fit, conditions, scan_effects(), **more))
     return there
 
@@ -282,9 +282,9 @@ def _with_templates(prepared: PreparedScans, fit: Fit, recording: str, names: Se
         typical = {parameter.name: parameter.typical for parameter in model.parameters(name)}
         physics[name] = typical | model.known(name) | neutral_values(model.parameters(name))
     with_weak = replace(fit, effects=tuple(weak), physics=physics)
-    beside = scan.information(model, with_weak, conditions, again=True)
+    beside = scan.information(model, with_weak, conditions, existing=True)
     keys = [("template", *key) if key[0] in weak else key for key in beside.keys]
-    problem, rows = scan.problem(model, replace(fit, effects=()), conditions, again=True), []
+    problem, rows = scan.problem(model, replace(fit, effects=()), conditions, existing=True), []
     point = replace(fit, nuisance=problem.named(problem.start)[1], linearization=problem.linearization)
     for name in (name for name in names if name not in weak and name not in fit.physics):
         made = templates(problem.fitter, point, name)

@@ -178,8 +178,7 @@ class PreparedScans(Prepared):
         )
         now = of_state(state, apart=1).of_second_differences(has_rows(self.data.usable))
         variance = self.variance * self.second_difference / now
-        weighed = _weighed(variance, data, clean)
-        fitter = Fitter(model, data, held_out, weighed, _floor(data))
+        fitter = Fitter(model, data, held_out, _whitened_variance(variance, data, clean), _floor(data))
         return replace(self, fitter=fitter, variance=variance, second_difference=now)
 
     def caveats(self, fit: Fit) -> list[str]:
@@ -274,16 +273,16 @@ def prepare(
     )
     floor = _floor(data)
     if noise.single:
-        weighed = _weighed(noise.variance, data, noise.clean)
+        whitened_variance = _whitened_variance(noise.variance, data, noise.clean)
         if noise.of_views is not None:
             data, held_out = (with_noise_of_views(half, *noise.of_views) for half in (data, held_out))
     else:
         apart = [taken] if words == BY_VIEW else [fitted, held]
-        weighed, freedom = _of_one_repeat(apart, noise.reference, noise.clean, correlations, noise.blocks)
-        scatter = 2 / np.maximum(freedom, 1)
-        data, held_out = (replace(half, weighed=scatter) for half in (data, held_out))
+        whitened_variance, freedom = _of_one_repeat(apart, noise.reference, noise.clean, correlations, noise.blocks)
+        more = {"block_weight_variance": 2 / np.maximum(freedom, 1)}
+        data, held_out = (replace(half, **more) for half in (data, held_out))
         if data.whitening is not None:
-            weighed = weighed * data.whitening.correlations.amplification
+            whitened_variance = whitened_variance * data.whitening.correlations.amplification
 
     aligned = nuisances(
         # The noise of a single repeat is not fitted, so the photons need a prior.
@@ -295,7 +294,7 @@ def prepare(
     )
     label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
     model = ScansModel(chain, aligned, numerical=numerical, object_errors=errors, first=first, **label)
-    fitter = Fitter(model, data, held_out, weighed, floor)
+    fitter = Fitter(model, data, held_out, whitened_variance, floor)
     more = {"step": step, "second_difference": noise.second_difference}
     return PreparedScans(fitter, noise.variance, words, noise.single, noise.photons, **more)
 
@@ -319,7 +318,7 @@ def _whitened(data: ObservedScans, correlations: Correlations, clean: np.ndarray
     return replace(data, numerical=tuple(map(data.whitened, numerical)))
 
 
-def _weighed(variance: np.ndarray, data: ObservedScans, clean: np.ndarray) -> np.ndarray:
+def _whitened_variance(variance: np.ndarray, data: ObservedScans, clean: np.ndarray) -> np.ndarray:
     """Return the variance of every whitened ray of a single repeat, shape (views, rows, columns).
 
     Parameters

@@ -68,18 +68,19 @@ def domain_tests(
     extra = pixels**2 * left
     of_views = (weight**2 * left).sum((1, 2))
     numbers = () if uncertain is None else uncertain[0].reshape(-1, *shape)
-    variance = ExtraVariance(weight, [*data.numerical, *numbers], data.scatter)
+    variance = ExtraVariance(weight, [*data.numerical, *numbers], data.weight_variance)
     of = f" of {shape[0]}" if step == 1 else f", 1 of {step} views compared"
 
     def marginal(axes, extra) -> np.ndarray:
         extra = extra + variance(lambda values: values.sum(axis=axes))
         return standardized((residual * weight).sum(axis=axes), weight.sum(axis=axes), extra)
 
+    z_of_blocks = _block_z(residual, weight, data, left, variance)
     found = [
         extreme("columns", marginal((0, 1), extra.sum(0)), lambda i: f"column {i} of {shape[2]}"),
         extreme("rows", marginal((0, 2), extra.sum(1)), lambda i: f"row {i} of {shape[1]}"),
         extreme("views", marginal((1, 2), of_views), lambda i: f"view {step * i}{of}"),
-        blocks("projections", _block_z(residual, weight, data, left, variance), data, AXES, data.weighed, step),
+        blocks("projections", z_of_blocks, data, AXES, data.block_weight_variance, step),
         _path_lengths(residual, weight, predicted, variance),
         _edges(residual, weight, predicted, numbers, data),
         _pixels(marginal(0, extra), pixels),
@@ -115,7 +116,7 @@ def _edges(residual, weight, predicted, numbers, data: ObservedScans) -> DomainT
     """Test the rays where line integrals change most, which show blur, geometry and motion."""
     slope = _slope(predicted)
     # All rays of a block share one measured variance.
-    of_weights = float((data.blocks.sum(steep(weight, slope)) ** 2 * data.weighed).sum())
+    of_weights = float((data.blocks.sum(steep(weight, slope)) ** 2 * data.block_weight_variance).sum())
     return steepest("rays", residual, weight, slope, numbers, of_weights)
 
 

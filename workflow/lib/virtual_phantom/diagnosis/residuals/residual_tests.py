@@ -69,7 +69,7 @@ class HalfResiduals:
             weight > 0,
             self.residuals[0] * other.residuals[0] * weight,
             [weight * error.ravel() ** 2 for error in self.data.numerical],
-            np.ravel(self.data.scatter),
+            np.ravel(self.data.weight_variance),
         )
 
 
@@ -85,14 +85,14 @@ class HalfProducts:
         Their mean estimates d^2, where d is the difference common to both halves, in standard deviations.
     numerical : list of ndarray, shape (data,)
         Expected products by each numerical error of the model.
-    scatter : ndarray, shape (data,), or float
+    weight_variance : ndarray, shape (data,), or float
         Relative variance of the weights, which adds to the variance of the products.
     """
 
     there: np.ndarray
     products: np.ndarray
     numerical: list[np.ndarray]
-    scatter: np.ndarray | float = 0.0
+    weight_variance: np.ndarray | float = 0.0
 
     def z(self, where: np.ndarray | None = None) -> float:
         """Return (sum of products - sum expected from numerical errors) / SD, at least 0.
@@ -108,7 +108,7 @@ class HalfProducts:
         chosen = self.there if where is None else self.there & where
         numerical = np.array([float(error[chosen].sum()) for error in self.numerical])
         beyond = float(self.products[chosen].sum()) - numerical.sum()
-        noise = float(np.sum(1 + np.broadcast_to(self.scatter, chosen.shape)[chosen]))
+        noise = float(np.sum(1 + np.broadcast_to(self.weight_variance, chosen.shape)[chosen]))
         return max(0.0, beyond) / float(np.sqrt(max(1.0, noise) + 2 * (numerical**2).sum()))
 
 
@@ -217,17 +217,17 @@ class ExtraVariance:
     weight : ndarray, shape (views, rows, columns)
     distortions : sequence of ndarray, shape (views, rows, columns)
         Errors common to all rays of a sum, one standard deviation.
-    scatter : ndarray, shape (views, rows, columns), or float
+    weight_variance : ndarray, shape (views, rows, columns), or float
         Relative variance of the estimated, unbiased weights w: <w^2> / <w>^2 - 1.
     """
 
     weight: np.ndarray
     distortions: Sequence[np.ndarray]
-    scatter: np.ndarray | float = 0.0
+    weight_variance: np.ndarray | float = 0.0
 
     def __call__(self, total) -> np.ndarray | float:
         """Return the extra variance of sums over many blocks; `total` sums weighted rays."""
-        return total(self.weight * self.scatter) + self.of_block(total)
+        return total(self.weight * self.weight_variance) + self.of_block(total)
 
     def of_block(self, total) -> np.ndarray | float:
         """Return the extra variance for rays of one block.
@@ -258,7 +258,7 @@ def extreme(domain: str, z: np.ndarray, words) -> DomainTest:
     return DomainTest(domain, words(worst), float(z[worst]), _p_value(z), z)
 
 
-def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
+def normal_scores(z: np.ndarray, weight_variance: np.ndarray | float) -> np.ndarray:
     """Return normal scores of values.
 
     Values with measured variances have Student's t distribution, which Wallace's bound [1]_ converts.
@@ -267,16 +267,16 @@ def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
     ----------
     z : ndarray
         Scaled to a variance of 1, as unbiased weights give it. (Student's t has a variance of n / (n - 2).)
-    weighed : ndarray or float
+    weight_variance : ndarray or float
         Relative variance of the weights, 2 over the degrees of freedom n; 0: the variances are known.
 
     References
     ----------
     .. [1] D. L. Wallace, Ann. Math. Stat. 30, 1124, 1959: his 8n + 1 over 8n + 3.
     """
-    weighed = np.broadcast_to(weighed, z.shape)
-    measured = (weighed > 0) & (weighed < 2 / FEWEST)
-    n = 2 / np.where(measured, weighed, 1)
+    weight_variance = np.broadcast_to(weight_variance, z.shape)
+    measured = (weight_variance > 0) & (weight_variance < 2 / FEWEST)
+    n = 2 / np.where(measured, weight_variance, 1)
     square = z**2 * n / np.where(measured, n - 2, 1)
     scores = np.sign(z) * np.sqrt(n * np.log1p(square / n)) * (8 * n + 1) / (8 * n + 3)
     return np.where(measured, scores, z)
@@ -287,7 +287,7 @@ def blocks(
     z: np.ndarray,
     data: Observed,
     axes: tuple[str, str, str],
-    weighed: np.ndarray | float = 0.0,
+    weight_variance: np.ndarray | float = 0.0,
     step: int = 1,
     division: Blocks | None = None,
 ) -> DomainTest:
@@ -296,7 +296,7 @@ def blocks(
     Parameters
     ----------
     z : ndarray, shape (blocks,)
-    weighed : ndarray, shape (blocks,), or float, optional
+    weight_variance : ndarray, shape (blocks,), or float, optional
         Relative variance of the weights behind z.
     step : int, optional
         Step between the used positions of the first axis. Texts have the numbers of the recording.
@@ -310,7 +310,7 @@ def blocks(
         first, end = division.bounds(axis)[block : block + 2]
         every = step if axis == 0 else 1
         ranges.append(f"{axes[axis]} {every * first} to {every * (end - 1)}")
-    p = _p_value(normal_scores(z, weighed))
+    p = _p_value(normal_scores(z, weight_variance))
     return DomainTest(domain, ", ".join(ranges), float(z[worst]), p, z.reshape(division.shape))
 
 

@@ -39,14 +39,14 @@ class _Side:
         Derivatives by the parameters of the fit and by numerical distortions.
     root : ndarray, shape (mean data,)
         Square roots of the weights of the mean.
-    scatter : ndarray, shape (mean data,), or float
+    weight_variance : ndarray, shape (mean data,), or float
         Relative variance of these weights.
     """
 
     residual: np.ndarray
     columns: np.ndarray
     root: np.ndarray
-    scatter: np.ndarray | float
+    weight_variance: np.ndarray | float
     data: Observed
 
     @classmethod
@@ -56,9 +56,9 @@ class _Side:
         residual = whitened(half.residuals, half.weights)
         none = np.zeros(residual.size - root.size)
         changes += [np.concatenate([root * error.ravel(), none]) for error in half.data.numerical]
-        return cls(residual, np.stack(changes, axis=1), root, np.ravel(half.data.scatter), half.data)
+        return cls(residual, np.stack(changes, axis=1), root, np.ravel(half.data.weight_variance), half.data)
 
-    def weighed(self, directions: Directions) -> Directions:
+    def standardized(self, directions: Directions) -> Directions:
         """Return directions of the mean in standard deviations."""
         root = self.root[:, None]
         if issparse(directions):  # directions of single views, which whitening would spread to other views
@@ -151,7 +151,7 @@ def _change(
         Variance of discretization errors along any direction, relative to the data.
     """
     count = fitted.root.size
-    seen = fitted.weighed(directions)
+    seen = fitted.standardized(directions)
     crossed = fitted.columns[:count].T @ seen  # (numbers, directions)
     gram = seen.T @ seen
     gram = np.asarray(gram.todense()) if issparse(gram) else gram
@@ -172,11 +172,11 @@ def _change(
     # The response of the parameters to the change, from the fitted data.
     answered = inverse @ (crossed @ amounts)
     change = -(held.columns @ answered)
-    change[: held.root.size] += held.weighed(directions) @ amounts
+    change[: held.root.size] += held.standardized(directions) @ amounts
     taken_up = held.columns.T @ change  # for the variance from errors of the parameters
     mean = change[: held.root.size]
     variance = float(
-        (1 + of_steps) * (change @ change) + (held.scatter * mean**2).sum() + taken_up @ inverse @ taken_up
+        (1 + of_steps) * (change @ change) + (held.weight_variance * mean**2).sum() + taken_up @ inverse @ taken_up
     )
     if of_pattern is not None:  # variance from errors of its constants
         variance += float((of_pattern.ravel() * (held.root * mean).reshape(-1, of_pattern.size).sum(axis=0) ** 2).sum())
