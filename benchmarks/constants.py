@@ -36,7 +36,7 @@ OF_VERDICTS = {
     "projections.residual_maps": ("THIN",),
 }
 OF_FITS = {  # and of priors
-    "fitting.nuisance": ("SURE", "NOMINAL_PHOTONS_SD", "NUMERICAL"),
+    "fitting.nuisance": ("PRIOR_BOUND_SD", "NOMINAL_PHOTONS_SD", "NUMERICAL"),
     "fitting.model": ("DENSITY_SD", "TUBE_KVP_SD"),
     "projections.discretization": ("LEFT", "MOST_STRAY"),
     "projections.prepared": ("SIZE_SD",),

@@ -275,15 +275,15 @@ def test_console_names_the_recording():
     ]
 
 
-def doubted(physics, nuisance=None, sensor=None, pulled=None, **known):
+def doubted(physics, nuisance=None, sensor=None, pulls=None, **known):
     """Doubts and advice for a fit with these parameters, all of them well constrained."""
     chain = Chain(SCENE, GEOMETRY, PHOTONS, sensor=sensor or sensors.sensor_from_label())
     model = ScansModel(chain, nuisances(np.log(PHOTONS), 0.02, {}), **known)
     values = {one.name: one.expected for one in model.base_nuisances} | (nuisance or {})
     errors = {name: dict.fromkeys(numbers, 1e-6) for name, numbers in physics.items()}
-    if pulled is None:
-        pulled = {one.name: one.off(values[one.name]) for one in model.nuisances_for(tuple(physics))}
-    fit = SimpleNamespace(effects=tuple(physics), physics=physics, errors=errors, nuisance=values, pulled=pulled)
+    if pulls is None:
+        pulls = {one.name: one.pull(values[one.name]) for one in model.nuisances_for(tuple(physics))}
+    fit = SimpleNamespace(effects=tuple(physics), physics=physics, errors=errors, nuisance=values, pulls=pulls)
     choice = SimpleNamespace(chosen=SimpleNamespace(fit=fit))
     return doubts(choice, model, {}), advice(fit, model)
 
@@ -347,7 +347,7 @@ def test_shift_of_the_alignment_is_reported_with_the_setting_to_correct():
     assert "prior SD of 0.002. If its error may be larger" in advised[1] and "alignment: {offset: SD}" in advised[1]
     assert doubted({}, {"scale": 0.98}) == ([], [])
     # A density found on another recording has another prior than the model's own.
-    assert doubted({}, {"scale": 0.9}, pulled={"scale": -0.1}) == ([], [])
+    assert doubted({}, {"scale": 0.9}, pulls={"scale": -0.1}) == ([], [])
 
 
 @pytest.fixture(scope="module")

@@ -40,7 +40,7 @@ CONVERGED = 1.0
 OF_SHAPES, OF_VOXELS = 8, 2  # most fits
 # Standard deviations of a surface beyond which physics is missing rather than the object wrong. The stated surfaces are
 # then kept.
-MOST_PULLED = 3.0
+MOST_PULL = 3.0
 FIXED = 1e-7  # standard deviation of a size that is not fitted
 
 
@@ -109,8 +109,8 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         # A free size would take the place of surfaces while these are linear.
         fit = ready(known | {"size": FIXED}, first).fitter.fit(())
         before = np.inf if first is None else first.chi_square
-        pulled = max((abs(pull) for name, pull in fit.pulled.items() if name.startswith(SURFACE)), default=0.0)
-        if pulled > MOST_PULLED:
+        largest = max((abs(pull) for name, pull in fit.pulls.items() if name.startswith(SURFACE)), default=0.0)
+        if largest > MOST_PULL:
             first = replace(fit, nuisance={name: value for name, value in fit.nuisance.items() if name in POSES})
             break
         first = fit

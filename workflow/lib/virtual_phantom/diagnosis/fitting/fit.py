@@ -44,7 +44,7 @@ class Fit:
     directions : dict of str to dict of str to list of float
         {effect: {parameter: its row of a square root of the covariance}}, for joint fits and parameters from other
         recordings; empty: errors are independent.
-    pulled : dict of str to float
+    pulls : dict of str to float
         Deviations of the nuisance parameters from their priors, in standard deviations.
     corrected : float
         Chi-square of the corrections for numerical errors.
@@ -62,7 +62,7 @@ class Fit:
     free: int
     elsewhere: dict[str, list[str]] = field(default_factory=dict)
     directions: dict[str, dict[str, list[float]]] = field(default_factory=dict, repr=False)
-    pulled: dict[str, float] = field(default_factory=dict)
+    pulls: dict[str, float] = field(default_factory=dict)
     linearization: Linearization = BASE
     corrected: float = 0.0
     pattern: Pattern | None = field(default=None, repr=False)
@@ -103,8 +103,8 @@ class Fit:
             parts=tuple(float((w * r**2).sum()) for w, r in zip(problem.weights, residuals, strict=True)),
             free=count + problem.patterned,
             elsewhere={name: list(model.fixed[name]) for name in problem.all_effects if name in model.fixed},
-            pulled={
-                number.name: float(number.off(nuisance[number.name]))
+            pulls={
+                number.name: float(number.pull(nuisance[number.name]))
                 for number in problem.nuisances
                 if np.isfinite(number.sd)
             },

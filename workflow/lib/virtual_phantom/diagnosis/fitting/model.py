@@ -25,7 +25,7 @@ from ...physics.effect import (
 )
 from ..noise.condensed import Observed, Prediction
 from .linearization import BASE, Linearization, LinearizationPoint, before_images
-from .nuisance import PLACE, SURE, Nuisance, pose_of
+from .nuisance import PLACE, PRIOR_BOUND_SD, Nuisance, pose_of
 from .priors import Label, Statement
 from .unknown import Unknown
 
@@ -181,7 +181,8 @@ class Model(ABC):
             starts += tuple(low + share * (high - low) for share in STARTS)
         if label is not None and label.value is not None:
             expected, sd = parameter.to_variable(label.value), label.sd
-            low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
+            reach = PRIOR_BOUND_SD * sd
+            low, high, starts = max(low, expected - reach), min(high, expected + reach), (expected,)
         neutral = None if parameter.neutral is None else parameter.to_variable(parameter.neutral)
         starts = tuple(dict.fromkeys(starts))
         return Unknown(name, parameter, low, high, starts, neutral, expected, sd)

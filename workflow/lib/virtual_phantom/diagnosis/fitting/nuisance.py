@@ -10,7 +10,7 @@ from ...physics.scenes.scene import Pose
 
 # Bound on the deviation from a prior, in standard deviations. If much physics is missing, a Gaussian prior alone does
 # not limit the deviation.
-SURE = 5.0
+PRIOR_BOUND_SD = 5.0
 # Mean and standard deviation of a numerical error relative to the change by another discretization (L. F. Richardson,
 # Philos. Trans. R. Soc. A 210, 307, 1911).
 # - rays: the change by twice as many rays is expected to equal the change by all further rays.
@@ -44,7 +44,12 @@ class Nuisance:
     expected: float
     sd: float
 
-    def off(self, value: float) -> float:
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Range of a fit."""
+        return self.expected - PRIOR_BOUND_SD * self.sd, self.expected + PRIOR_BOUND_SD * self.sd
+
+    def pull(self, value: float) -> float:
         """Return the deviation of a value from the prior, in standard deviations."""
         return (value - self.expected) / self.sd
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...physics.effect import FOCAL_SPOT, GEOMETRY, MOTION, load
 from ..noise.gain_pattern import Pattern
 from .linearization import LinearizationPoint
-from .nuisance import POSES, SURE, Nuisance
+from .nuisance import POSES, Nuisance
 from .steps import bounded_step
 
 MOST_LINEARISATIONS = 3  # maximum of recomputations of numerical errors in a fit, each after convergence
@@ -79,8 +79,8 @@ class Problem:
         aligned = self.nuisances
         nuisance = {number.name: number.expected for number in aligned} | ({} if given is None else given.nuisance)
         start = np.array([*values, *(nuisance[number.name] for number in aligned)], float)
-        ends = [(number.expected - SURE * number.sd, number.expected + SURE * number.sd) for number in aligned]
-        self.low, self.high = np.array([*((unknown.low, unknown.high) for unknown in self.unknowns), *ends]).T.copy()
+        ends = [*((unknown.low, unknown.high) for unknown in self.unknowns), *(number.bounds for number in aligned)]
+        self.low, self.high = np.array(ends).T.copy()
         self.start = np.clip(start, self.low, self.high)
         self.count = sum(int((weight > 0).sum()) for weight in self.weights)
         self.center = np.array([number.expected for number in (*self.unknowns, *aligned)])

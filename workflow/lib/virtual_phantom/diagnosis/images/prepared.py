@@ -34,7 +34,7 @@ EDGE_VOXELS = 1.0  # SD of the average of this error
 RECORDED_NOISE = 3  # repeats from which the noise is estimated from the data; with fewer, by simulation
 FINE = 0.5  # of the highest in-plane frequency, above which noise dominates
 TRIAL_PHOTONS = 1e5  # of simulated noise before it is scaled to the recording
-NOISE_DIFFERS, NOISE_SURE = 0.25, 4.0  # change of mean frequency or noise that is stated, relative and in SD; choices
+NOISE_DIFFERS, NOISE_CLEAR = 0.25, 4.0  # change of mean frequency or noise that is stated, relative and in SD; choices
 NULLS = 4  # batches of realizations for the scatter of noise statistics
 
 
@@ -89,7 +89,7 @@ class PreparedImages(Prepared):
         except InputError:  # the object is too small
             return []
         mine, other = map(mean_frequency, spectra)
-        error = NOISE_SURE * np.hypot(mine.error, other.error)
+        error = NOISE_CLEAR * np.hypot(mine.error, other.error)
         if abs(mine.value - other.value) < max(NOISE_DIFFERS * other.value, error):
             return []
         return [

@@ -120,7 +120,7 @@ def alignment_tests(fit: Fit, numerical: Collection[str]) -> list[DomainTest]:
     The pose of the object and the numerical errors are omitted, as their size is uncertain. The list is empty without
     priors.
     """
-    z = {name: value for name, value in fit.pulled.items() if name not in numerical and name not in PLACE}
+    z = {name: value for name, value in fit.pulls.items() if name not in numerical and name not in PLACE}
     if not z:
         return []
     names, values = list(z), np.array(list(z.values()))

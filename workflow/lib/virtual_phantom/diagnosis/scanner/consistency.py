@@ -86,18 +86,18 @@ class _Shared:
         Information times parameters, from the data alone, because priors are counted once for all recordings.
     information : ndarray, shape (shared, shared)
         Information of the data and of the priors of the alignment.
-    pulls : dict of (str, int or str) to ndarray, shape (shared,)
-        See ModelErrorInfluence.pulls.
-    own : list of ndarray, shape (shared,)
-        See ModelErrorInfluence.own.
+    gradients : dict of (str, int or str) to ndarray, shape (shared,)
+        See ModelErrorInfluence.gradients.
+    own_gradients : list of ndarray, shape (shared,)
+        See ModelErrorInfluence.own_gradients.
     excess : float
-        Chi-square per ray of the recording's own fit, at least 1. Information and pulls are divided by it.
+        Chi-square per ray of the recording's own fit, at least 1. Information and gradients are divided by it.
     """
 
     score: np.ndarray
     information: np.ndarray
-    pulls: dict[tuple[str, int | str], np.ndarray]
-    own: list[np.ndarray]
+    gradients: dict[tuple[str, int | str], np.ndarray]
+    own_gradients: list[np.ndarray]
     excess: float
 
 
@@ -181,11 +181,11 @@ class _Compared:
         whole = float(difference @ plain @ difference)
         share = square / whole if whole > 0 else 1.0
         shifts = [
-            inverse @ this.pulls.get(key, none) - inverses @ sum(other.pulls.get(key, none) for other in known)
-            for key in dict.fromkeys(key for recording in (this, *known) for key in recording.pulls)
+            inverse @ this.gradients.get(key, none) - inverses @ sum(other.gradients.get(key, none) for other in known)
+            for key in dict.fromkeys(key for recording in (this, *known) for key in recording.gradients)
         ]
-        shifts += [inverse @ pull for pull in this.own]
-        shifts += [inverses @ pull for other in known for pull in other.own]
+        shifts += [inverse @ gradient for gradient in this.own_gradients]
+        shifts += [inverses @ gradient for other in known for gradient in other.own_gradients]
         if shifts:
             columns = np.stack(shifts, axis=1)
             seen = columns.T @ weighted
@@ -207,7 +207,7 @@ class _Compared:
                 others = self.together.without([name for name in self.together.fitters if name not in key])
                 fits = others.fit(self.given.effects, self.given).fits
             self._totals[key] = sum(
-                sum(fit.parts) + sum(pull**2 for pull in fit.pulled.values()) for fit in fits.values()
+                sum(fit.parts) + sum(pull**2 for pull in fit.pulls.values()) for fit in fits.values()
             )
         return self._totals[key]
 
@@ -242,9 +242,9 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
     there = np.searchsorted(shared, scan.places[here])
     taken = whole[np.ix_(here, own)] @ ScaledEigenvalues.of(whole[np.ix_(own, own)]).covariance
 
-    def marginal(pull: np.ndarray) -> np.ndarray:
+    def marginal(gradient: np.ndarray) -> np.ndarray:
         found = np.zeros(size)
-        found[there] = (pull[here] - taken @ pull[own]) / excess
+        found[there] = (gradient[here] - taken @ gradient[own]) / excess
         return found
 
     information, score = np.zeros((size, size)), np.zeros(size)
@@ -254,8 +254,8 @@ def _shared(scan: ModelErrorInfluence, fit: Fit, shared: np.ndarray) -> _Shared:
         unknown = scan.problem.unknowns[index]
         values[place] = unknown.of(fit.physics[unknown.effect][unknown.name])
         # At the minimum, the gradients of data and prior balance.
-        pull = scan.problem.prior_precision[index] * (values[place] - scan.problem.center[index])
-        score[place] = pull / excess
+        gradient = scan.problem.prior_precision[index] * (values[place] - scan.problem.center[index])
+        score[place] = gradient / excess
     score += information @ values
-    pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}
-    return _Shared(score, information, pulls, [marginal(pull) for pull in scan.own], excess)
+    gradients = {key: marginal(gradient) for key, gradient in scan.gradients.items()}
+    return _Shared(score, information, gradients, list(map(marginal, scan.own_gradients)), excess)

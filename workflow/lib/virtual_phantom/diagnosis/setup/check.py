@@ -16,7 +16,7 @@ from ...recordings.images import ImagesRecording
 from ...recordings.projections import ProjectionsRecording
 from ...recordings.recording import Recording
 from ..assumptions import object_text, scan_text
-from ..fitting.nuisance import PLACE, SURE, nuisances
+from ..fitting.nuisance import PLACE, PRIOR_BOUND_SD, nuisances
 from ..projections.observed import Scans, scans
 from ..projections.own_simulation import scene_of_scan
 from ..request import DiagnosisRequest
@@ -63,8 +63,8 @@ def _check_images(recording: ImagesRecording, request: DiagnosisRequest) -> Setu
 
 def _check_projections(recording: ProjectionsRecording, request: DiagnosisRequest) -> SetupResult:
     taken = scans(recording.repeats)
-    known = {number.name: SURE * number.sd for number in nuisances(0.0, 1.0, request.alignment(recording.nominal))}
-    reach = {name: known[name] for name in (*PLACE, "scale")}
+    known = {number.name: number.sd for number in nuisances(0.0, 1.0, request.alignment(recording.nominal))}
+    reach = {name: PRIOR_BOUND_SD * known[name] for name in (*PLACE, "scale")}
     location, unchecked = request.settings.location, recording.document.content.get("not_checked", ())
     comparison = Comparison(
         scene_of_scan(request, recording), taken.repeats, taken.usable, MOST, reach, location, unchecked

@@ -38,7 +38,7 @@ Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shap
 NUMERICAL = "numerical"
 # Relative width of the part of a kernel that has another form than assumed (Parameter.kernel_error).
 NARROWER = 0.5
-UNEXPLAINED = "unexplained"  # among the models of ModelErrorInfluence.pulls
+UNEXPLAINED = "unexplained"  # among the models of ModelErrorInfluence.gradients
 HARMONICS = (2, 4)  # periods per turn: an object looks equal from opposite sides, a square grid from four
 
 
@@ -196,18 +196,19 @@ class ModelErrorInfluence:
         Positions of its numbers among the numbers of all recordings.
     information : ndarray, shape (numbers, numbers)
         Information of its data, without priors.
-    pulls : dict of (str, int or str) to ndarray, shape (numbers,)
-        {(model, shape): J'd}, and {(UNEXPLAINED, 0): change of J'd if these data get larger errors}.
-    own : list of ndarray, shape (numbers,)
-        J'd of model errors that are specific to this recording.
+    gradients : dict of (str, int or str) to ndarray, shape (numbers,)
+        {(model, shape): change J'd of the gradient}, and {(UNEXPLAINED, 0): its change if these data get larger
+        errors}.
+    own_gradients : list of ndarray, shape (numbers,)
+        The same for model errors that are specific to this recording.
     """
 
     problem: Problem
     fit: Fit
     places: np.ndarray
     information: np.ndarray
-    pulls: dict[tuple[str, int | str], np.ndarray]
-    own: list[np.ndarray]
+    gradients: dict[tuple[str, int | str], np.ndarray]
+    own_gradients: list[np.ndarray]
 
     @classmethod
     def of(
@@ -216,17 +217,17 @@ class ModelErrorInfluence:
         """Compute the influence for a problem at the end of a fit."""
         changes, residuals = data_changes(problem), problem.residuals(problem.start)
         ratios = birge_ratios(residuals, problem.weights)
-        weighted, pulls = changes, {}
+        weighted, gradients = changes, {}
         if (ratios > 1).any():
             weighted, residual = changes / ratios[:, None], whitened(residuals, problem.weights)
-            # The sum of all pulls is 0 at the end of a fit, apart from numbers at a bound.
+            # The gradient is 0 at the end of a fit, apart from numbers at a bound.
             at_bound = (problem.start <= problem.low) | (problem.start >= problem.high)
-            pull = residual @ changes + problem.prior_precision * (problem.center - problem.start)
-            pulls[UNEXPLAINED, 0] = residual @ (weighted - changes) + np.where(at_bound, pull, 0)
+            gradient = residual @ changes + problem.prior_precision * (problem.center - problem.start)
+            gradients[UNEXPLAINED, 0] = residual @ (weighted - changes) + np.where(at_bound, gradient, 0)
         information = weighted.T @ changes
-        pulls |= {key: weighted.T @ change for key, change in _distortions(problem, fit, without, accuracy)}
+        gradients |= {key: weighted.T @ change for key, change in _distortions(problem, fit, without, accuracy)}
         own = [weighted.T @ change for _, change in _of_steps(problem, fit, accuracy)]
-        return cls(problem, fit, places, information, pulls, own)
+        return cls(problem, fit, places, information, gradients, own)
 
     @property
     def alone(self) -> ModelErrorInfluence:
@@ -252,22 +253,22 @@ def _numbers(scans: Sequence[ModelErrorInfluence]) -> np.ndarray:
     count = 1 + max(int(scan.places.max()) for scan in scans)
     information, prior_precision = np.zeros((count, count)), np.zeros(count)
     times = np.bincount(np.concatenate([scan.places for scan in scans]), minlength=count)
-    pulls: dict[tuple[str, int | str], np.ndarray] = {}
+    gradients: dict[tuple[str, int | str], np.ndarray] = {}
     own: list[np.ndarray] = []
     for scan in scans:
         places = scan.places
         information[np.ix_(places, places)] += scan.information
         # The prior of a shared number counts once: it is the mean over the recordings.
         prior_precision[places] += scan.problem.prior_precision / times[places]
-        for key, pull in scan.pulls.items():
-            pulls.setdefault(key, np.zeros(count))[places] += pull
-        for pull in scan.own:
+        for key, gradient in scan.gradients.items():
+            gradients.setdefault(key, np.zeros(count))[places] += gradient
+        for gradient in scan.own_gradients:
             own.append(np.zeros(count))
-            own[-1][places] = pull
+            own[-1][places] = gradient
     information += np.diag(prior_precision)
     root, squares = ScaledEigenvalues.of(information).root, standard_errors(information) ** 2
-    for pull in (*pulls.values(), *own):
-        squares = squares + (root @ (root.T @ pull)) ** 2
+    for gradient in (*gradients.values(), *own):
+        squares = squares + (root @ (root.T @ gradient)) ** 2
     return np.sqrt(squares)
 
 

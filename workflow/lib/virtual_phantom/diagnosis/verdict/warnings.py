@@ -13,7 +13,7 @@ from ...physics.effect import Parameter, load
 from ...statistics.multiplicity import bonferroni
 from ..fitting.fit import Fit
 from ..fitting.model import Model
-from ..fitting.nuisance import SURE, Nuisance, display_name
+from ..fitting.nuisance import PRIOR_BOUND_SD, Nuisance, display_name
 from ..fitting.steps import interval
 from ..fitting.unknown import Unknown
 from ..residuals.dataset import Prepared
@@ -21,6 +21,7 @@ from ..residuals.residual_tests import ALPHA, EDGES, DomainTest
 from ..selection.forward_selection import Choice
 
 ALIKE = 0.9  # correlation of recording and simulation; less is another object, position or geometry
+SIGNIFICANT = 5.0  # standard errors above which the variance of data exceeds noise
 # A mismatch lies along edges if this share of chi-square beyond noise is in the steepest tenth of the data. The share
 # was 0.32 to 1.1 for cylinders drawn in voxels of 0.25 to 2 mm with the physics fitted. It was 0.08 to 0.15 for larger
 # differences by scatter and a spectrum that were not fitted.
@@ -77,7 +78,7 @@ def likeness(prepared: Prepared, choice: Choice) -> float:
     modeled = recorded - prepared.difference(choice.chosen.fit, held_out=False)
     noise = np.broadcast_to(prepared.variance, data.usable.shape)[data.usable].mean() / data.n
     reliability = 1 - noise / recorded.var()
-    if reliability < SURE * sqrt(2 / recorded.size):
+    if reliability < SIGNIFICANT * sqrt(2 / recorded.size):
         return 1.0
     return min(float(np.corrcoef(recorded, modeled)[0, 1]) / sqrt(reliability), 1.0)
 
@@ -101,13 +102,13 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
     """
     fit = choice.chosen.fit
     found = [phrase for _, _, phrase in _at_bounds(fit, model)]
-    if pulled := _pulled(fit, model):
+    if at_bounds := _nuisances_at_bounds(fit, model):
         moved = [
             f"{display_name(number.name)} is {fit.nuisance[number.name]:.3g} (prior {number.expected:.3g} ± "
             f"{number.sd:.3g})"
-            for number in pulled
+            for number in at_bounds
         ]
-        found.append(f"{enumerated(moved)}, at the limit of the fit ({SURE:g} SD of the prior)")
+        found.append(f"{enumerated(moved)}, at the limit of the fit ({PRIOR_BOUND_SD:g} SD of the prior)")
     left = held_out.get("chi_square_mean", {}).get("after", 1.0)
     if left > MOST_CHI_SQUARE:
         found.append(f"chi-square per datum is {left:.2f} (1.00 for noise alone)")
@@ -152,7 +153,7 @@ def advice(fit: Fit, model: Model) -> list[str]:
         One for each parameter that the configuration can state, so not for photons and numerical errors.
     """
     found = []
-    for number in _pulled(fit, model):
+    for number in _nuisances_at_bounds(fit, model):
         if number.name not in ADVISED:
             continue
         why = "; the density of the object is often known to a few percent only" * (number.name == "scale")
@@ -164,10 +165,10 @@ def advice(fit: Fit, model: Model) -> list[str]:
     return found
 
 
-def _pulled(fit: Fit, model: Model) -> list[Nuisance]:
+def _nuisances_at_bounds(fit: Fit, model: Model) -> list[Nuisance]:
     """Return the nuisance parameters at their bounds."""
-    most = SURE * (1 - AT_BOUND)
-    return [number for number in model.nuisances_for(fit.effects) if abs(fit.pulled.get(number.name, 0.0)) > most]
+    most = PRIOR_BOUND_SD * (1 - AT_BOUND)
+    return [number for number in model.nuisances_for(fit.effects) if abs(fit.pulls.get(number.name, 0.0)) > most]
 
 
 def _stated(unknown: Unknown, model: Model) -> str:
