@@ -31,6 +31,7 @@ INSIDE = {
             "settings",
             "request",
             "workload",
+            "result_files",
             "scanned_object",
             "noise",
             "fitting",

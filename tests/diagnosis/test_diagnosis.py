@@ -19,7 +19,7 @@ from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.residual_maps import domain_tests
 from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA, HalfResiduals, variance_z
-from virtual_phantom.diagnosis.selection.store import read_trial, write_trial
+from virtual_phantom.diagnosis.selection.fit_cache import read_trial, write_trial
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.io.files import checksum_path
 from virtual_phantom.physics.beam.materials import Segmentation

@@ -14,7 +14,7 @@ from scanner import SCANNER
 
 from virtual_phantom import phantom
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.selection.store import write_diagnosis
+from virtual_phantom.diagnosis.result_files import write_diagnosis
 from virtual_phantom.diagnosis.selection.transfer import Physics
 from virtual_phantom.io import exchange, files, volumes
 from virtual_phantom.proof.scoring.example import residual_maps

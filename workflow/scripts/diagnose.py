@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.result_files import DiagnosisFiles
 from virtual_phantom.diagnosis.run import run_diagnosis
-from virtual_phantom.diagnosis.selection.store import DiagnosisFiles
 from virtual_phantom.diagnosis.selection.transfer import Physics, with_declared
 from virtual_phantom.diagnosis.settings import OBJECT_INPUTS, FitSettings
 from virtual_phantom.diagnosis.setup.check import NOT_CHECKED, write_setup

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from virtual_phantom.diagnosis.features.responses import compared, responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
-from virtual_phantom.diagnosis.selection.store import DiagnosisFiles, write_diagnosis
+from virtual_phantom.diagnosis.result_files import DiagnosisFiles, write_diagnosis
 from virtual_phantom.diagnosis.verdict_text import console_text
 from virtual_phantom.features import names as feature_names
 from virtual_phantom.features.settings import read_extraction

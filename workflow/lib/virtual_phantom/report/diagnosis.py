@@ -7,7 +7,7 @@ import numpy as np
 from ..diagnosis.fitting.fit import Fit
 from ..diagnosis.residuals.dataset import Prepared
 from ..diagnosis.residuals.residual_tests import ALPHA
-from ..diagnosis.selection.store import RESIDUAL_MAPS, DiagnosisFiles, write_diagnosis
+from ..diagnosis.result_files import RESIDUAL_MAPS, DiagnosisFiles, write_diagnosis
 from ..diagnosis.setup.unknown_object import DataMaps
 from ..diagnosis.verdict.verdict import Diagnosis
 from ..diagnosis.verdict.warnings import advice

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from typing import Protocol
 
 from ..diagnosis.residuals.dataset import Prepared
+from ..diagnosis.result_files import write_overlay
 from ..diagnosis.scanner.scanner import ScannerDiagnosis
-from ..diagnosis.selection.store import write_overlay
 from ..figures import scanner as figures
 from ..io.documents import SCANNER, write_document
 from ..io.files import write_text

@@ -7,11 +7,17 @@ import json
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
-from ...base.errors import InputError
+import numpy as np
+
+from ...base.errors import InputError, refusing
+from ...io.files import read_text, write_text
+from ..fitting.fit import Fit
+from ..fitting.linearization import Linearization, LinearizationPoint
 from ..fitting.trial import Trial
-from .store import content_of, read_trial, write_trial
+from ..noise.gain_pattern import Pattern
 
 LOGGER = logging.getLogger("virtual_phantom")
 ALIGNMENT = "alignment"  # name of the fit without any effect
@@ -60,3 +66,39 @@ class FitCache:
         begun = [None if trial is None else content_of(trial) for trial in (given, against)]
         text = json.dumps([self.made_of, [self.code(name) for name in effects], begun, needed])
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def content_of(trial: Trial) -> dict:
+    """Return a trial as JSON content."""
+    fit = asdict(trial.fit)
+    if fit["pattern"] is not None:
+        fit["pattern"] = {name: np.asarray(values).tolist() for name, values in fit["pattern"].items()}
+    return {"fit": fit, "score": trial.score, "p": trial.p}
+
+
+def write_trial(trial: Trial, path: str | Path, made_of: str) -> None:
+    """Write a trial and the key of its inputs."""
+    content = content_of(trial) | {"made_of": made_of}
+    write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
+
+
+def read_trial(path: str | Path) -> tuple[Trial, str]:
+    """Read what `write_trial` wrote.
+
+    Raises
+    ------
+    InputError
+        If it is missing or invalid.
+    """
+    kinds = (OSError, ValueError, KeyError, TypeError)
+    with refusing(f"{path}: is no fit of a diagnosis", *kinds, advice="make it again"):
+        content = json.loads(read_text(path))
+        fit = content["fit"]
+        fit["effects"], fit["parts"] = tuple(fit["effects"]), tuple(fit["parts"])
+        fit["linearization"] = Linearization(
+            *(LinearizationPoint(**fit["linearization"][about]) for about in ("errors", "rays"))
+        )
+        if fit["pattern"] is not None:
+            arrays = {name: np.array(values) for name, values in fit["pattern"].items() if isinstance(values, list)}
+            fit["pattern"] = Pattern(**fit["pattern"] | arrays)
+        return Trial(Fit(**fit), content["score"], content["p"]), content["made_of"]

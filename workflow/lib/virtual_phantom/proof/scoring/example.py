@@ -9,7 +9,7 @@ import numpy as np
 
 from ...base.errors import InputError
 from ...base.names import label
-from ...diagnosis.selection.store import RESIDUAL_MAPS
+from ...diagnosis.result_files import RESIDUAL_MAPS
 from ...diagnosis.verdict_text import EXPLAINED
 from ...io.files import check_unchanged
 from ..hiding.case import Case
