@@ -1,6 +1,5 @@
 """Steps, errors and starts of fits."""
 
-import copy
 from dataclasses import replace
 from fractions import Fraction
 
@@ -275,8 +274,7 @@ def test_jacobians_at_finished_fits_are_computed_once():
     np.testing.assert_allclose(
         columns[: fitter.data.mean.size].T * again.steps[:, None], fitted[0] * np.sqrt(fitter.weights[0])
     )
-    known = copy.copy(fitter.model)
-    known.fixed = {"scatter": {"width_mm": 60.0}}
+    known = fitter.model.with_fixed({"scatter": {"width_mm": 60.0}})
     assert data_changes(Problem.at(fitter.of(known), fit)).shape[1] == len(again.start) - 1
 
 

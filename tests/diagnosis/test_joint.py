@@ -134,14 +134,7 @@ def test_joint_fit_minimizes_the_sum(fitters, joint):
 
 def _at(fitter, physics, given):
     """Chi-square with fitted alignment at fixed physics."""
-    model = fitter.model
-    fitter.model = type(model)(
-        model.chain, model.base_nuisances, anode=model.anode, fixed=physics, numerical=model.numerical
-    )
-    try:
-        return fitter.fit(("scatter",), given).chi_square
-    finally:
-        fitter.model = model
+    return fitter.of(fitter.model.with_fixed(physics)).fit(("scatter",), given).chi_square
 
 
 def test_unfitted_recording_is_predicted_by_the_physics_of_the_others(fitters, joint):

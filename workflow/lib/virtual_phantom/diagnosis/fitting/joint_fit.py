@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
@@ -143,16 +142,14 @@ class JointFitter:
         alike = [other for other in rest if self.protocols[other] == self.protocols[name]]
         owners = NOT_OF_SCAN if alike else (OF_SCANNER,)
         source = others.fits[(alike or rest)[0]]
-        fixed_fitter = fitter.of(copy.copy(fitter.model))
         whole = self.with_declared_effects(effects)
-        fixed_fitter.model.fixed = {
-            effect: parameters_owned_by(owners, effect, source.physics[effect]) for effect in whole
-        }
+        fixed = {effect: parameters_owned_by(owners, effect, source.physics[effect]) for effect in whole}
         physics, errors = {}, {}
         for effect in whole:
             own = start.physics.get(effect, {})
-            physics[effect] = others.physics[effect] | own | fixed_fitter.model.fixed[effect]
+            physics[effect] = others.physics[effect] | own | fixed[effect]
             errors[effect] = parameters_owned_by(owners, effect, source.errors[effect])
+        fixed_fitter = fitter.of(fitter.model.with_fixed(fixed))
         fit = fixed_fitter.fit(effects, replace(start, effects=effects, physics=physics))
         errors = {effect: fit.errors[effect] | errors[effect] for effect in whole}
         return replace(fit, errors=errors, directions=source.directions)

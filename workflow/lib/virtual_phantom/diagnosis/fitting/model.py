@@ -44,8 +44,6 @@ class Model(ABC):
         Its detector's sensor gives the prior of the sensor thickness.
     tube_kvp : float, optional
         Nominal tube voltage, kV, with a standard deviation of TUBE_KVP_SD.
-    fixed : mapping of str to mapping of str to float, optional
-        Parameters taken from elsewhere and not fitted: {effect: {parameter: value}}.
     density : tuple of 2 float, optional
         Density of the material relative to the listed one, and its standard deviation. It is the prior of the scale if
         an effect determines attenuation absolutely.
@@ -55,6 +53,11 @@ class Model(ABC):
         Errors of the stated object, or none. They are nuisance parameters, too.
     first : Fit, optional
         Fit without effects, from which other fits begin; None: they begin at expected values.
+
+    Attributes
+    ----------
+    fixed : mapping of str to mapping of str to float
+        Parameters taken from elsewhere and not fitted: {effect: {parameter: value}}.
     """
 
     def __init__(
@@ -63,7 +66,6 @@ class Model(ABC):
         nuisances: tuple[Nuisance, ...],
         anode: Anode = TUNGSTEN,
         tube_kvp: float | None = None,
-        fixed: Mapping[str, Mapping[str, float]] | None = None,
         density: tuple[float, float] = (1.0, DENSITY_SD),
         declared: Mapping[str, Mapping[str, Statement]] | None = None,
         *,
@@ -73,7 +75,8 @@ class Model(ABC):
         numbers = (*object_errors.edge_numbers, *object_errors.numbers)
         self.chain, self.base_nuisances, self.anode, self.tube_kvp = chain, (*nuisances, *numbers), anode, tube_kvp
         self.object_errors, self.first = object_errors, first
-        self.fixed, self.density, self.declared = fixed or {}, density, declared or {}
+        self.fixed: Mapping[str, Mapping[str, float]] = {}
+        self.density, self.declared = density, declared or {}
         self._near = LRUCache(NEAR_KEPT)
 
     def nuisances_for(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
@@ -93,6 +96,12 @@ class Model(ABC):
     def with_declared_effects(self, effects: tuple[str, ...]) -> tuple[str, ...]:
         """Return the declared effects followed by these."""
         return (*(name for name in self.declared if name not in effects), *effects)
+
+    def with_fixed(self, fixed: Mapping[str, Mapping[str, float]], density: tuple[float, float] | None = None) -> Model:
+        """Return the model with parameters that are not fitted, and with another density unless it is None."""
+        found = copy.copy(self)
+        found.fixed, found.density = fixed, density or self.density
+        return found
 
     def undeclared(self, name: str) -> Model:
         """Return the model without the declaration of one effect."""

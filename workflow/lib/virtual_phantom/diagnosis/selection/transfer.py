@@ -5,7 +5,6 @@ Only the nuisance parameters and the parameters that belong to a single scan are
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -144,10 +143,8 @@ def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, sa
                     f"{physics.recording}: {parameter.name} of its {name} is in {units[parameter.name]}, and this "
                     f"recording's in {parameter.unit}; take the physics from a recording of the same kind"
                 )
-    fixed = fitter.of(copy.copy(fitter.model))  # a fitter of the same kind, projections or images
-    fixed.model.fixed = _without_scan_parameters(physics.effects)
-    if physics.scale is not None and same_material:
-        fixed.model.density = physics.scale
+    density = physics.scale if same_material else None
+    fixed = fitter.of(fitter.model.with_fixed(_without_scan_parameters(physics.effects), density))
     chosen = trial(fixed, tuple(physics.effects), baseline)
     without = {}
     for name in physics.effects:
