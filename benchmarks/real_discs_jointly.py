@@ -33,7 +33,7 @@ def smooth_left(one: Prepared, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     lines = one.fitter.predicted(fit, held_out=True).mean[:, 0]
     slopes = np.abs(np.gradient(lines, axis=1))
     there = data.usable[:, 0] & (slopes < np.quantile(slopes, SMOOTH)) & (lines > BEHIND)
-    left = one.fitter.residuals(fit)[0].reshape(data.mean.shape)[:, 0]
+    left = one.fitter.residuals(fit, held_out=True)[0].reshape(data.mean.shape)[:, 0]
     return np.where(there, left, np.nan), np.where(there, one.variance[:, 0], np.nan)
 
 

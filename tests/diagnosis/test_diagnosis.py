@@ -225,7 +225,7 @@ def test_information_beside_a_gain_pattern_is_that_of_correlated_noise():
 def test_locations_of_a_difference_are_found(scene):
     prepared_data, _ = diagnosed(scene, {}, ("scatter",))
     fitter = prepared_data.fitter
-    parts = fitter.residuals(trial(fitter, ()).fit)
+    parts = fitter.residuals(trial(fitter, ()).fit, held_out=True)
     shape = prepared_data.held_out.mean.shape
     moved = parts[0].reshape(shape).copy()
     moved[:, :, 17] += 0.01
@@ -297,7 +297,7 @@ def test_one_fitted_repeat_is_compared_with_several(scene):
     """Only the noise of the held-out data is then known."""
     prepared_data, _ = diagnosed(scene, {}, ("scatter",))
     fitter, fit = prepared_data.fitter, trial(prepared_data.fitter, ()).fit
-    parts = fitter.residuals(fit)
+    parts = fitter.residuals(fit, held_out=True)
     alone = HalfResiduals(parts[:1], fitter.weights[:1], replace(prepared_data.data, variance=None))
     places = domain_tests(HalfResiduals(parts, fitter.held_weights, prepared_data.held_out), fitted=alone)
     assert {"noise level", "noise correlation", "both halves"} <= {place.domain for place in places}

@@ -63,7 +63,8 @@ def test_physics_of_the_solid_disc_predicts_a_disc_with_holes(tmp_path):
     )
     used = fitter.held_weights[0] > 0
     before, after = (
-        float(np.sqrt((fitter.residuals(one.fit)[0][used] ** 2).mean())) for one in (baseline, choice.chosen)
+        float(np.sqrt((fitter.residuals(one.fit, held_out=True)[0][used] ** 2).mean()))
+        for one in (baseline, choice.chosen)
     )
     floor = float(np.sqrt(variance.ravel()[used].mean()))
     assert before > 5 * floor

@@ -132,7 +132,7 @@ def _residual_map(fit: Fit, prepared: Prepared) -> np.ndarray:
     """Return weighted means of the standardized residual over one axis and over blocks of rays or voxels."""
     fitter = prepared.fitter
     shape = prepared.held_out.mean.shape
-    residual, weight = (part[0].reshape(shape) for part in (fitter.residuals(fit), fitter.held_weights))
+    residual, weight = (part[0].reshape(shape) for part in (fitter.residuals(fit, held_out=True), fitter.held_weights))
     summed = prepared.display.summed
     sums, weights = (residual * weight).sum(axis=summed), weight.sum(axis=summed)
     for axis in (0, 1):

@@ -193,7 +193,7 @@ class Fitter:
         data = self.held_out if held_out else self.data
         return self.model.predict(fit.physics, fit.nuisance, data, fit.linearization)
 
-    def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
+    def residuals(self, fit: Fit, held_out: bool) -> list[np.ndarray]:
         """Return observed minus predicted data, by part, shape (data,); the mean's noise is whitened."""
         data = self.held_out if held_out else self.data
         mean, *rest = data.residuals(self.predicted(fit, held_out))
@@ -214,4 +214,4 @@ class Fitter:
 
     def score(self, fit: Fit) -> float:
         """Return the log score of the held-out data up to a constant: minus half of chi-square."""
-        return -0.5 * chi_square(self.held_weights, self.residuals(fit))
+        return -0.5 * chi_square(self.held_weights, self.residuals(fit, held_out=True))

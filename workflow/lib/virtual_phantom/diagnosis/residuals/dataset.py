@@ -137,9 +137,8 @@ class Prepared(ABC):
     def half(self, fit: Fit, held_out: bool) -> HalfResiduals:
         """Return a fit's residuals of the held-out or of the fitted data."""
         fitter = self.fitter
-        if held_out:
-            return HalfResiduals(fitter.residuals(fit), fitter.held_weights, self.held_out)
-        return HalfResiduals(fitter.residuals(fit, held_out=False), fitter.weights, self.data)
+        data, weights = (self.held_out, fitter.held_weights) if held_out else (self.data, fitter.weights)
+        return HalfResiduals(fitter.residuals(fit, held_out), weights, data)
 
     def halves(self, fit: Fit) -> tuple[HalfResiduals, HalfResiduals]:
         """Return a fit's residuals of the fitted and of the held-out data."""

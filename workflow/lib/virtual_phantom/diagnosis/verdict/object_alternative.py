@@ -70,7 +70,7 @@ def _freed(fitter: Fitter, fit: Fit) -> tuple[float, dict[str, float], str]:
     place = problem.positions(names)
     problem.prior_precision[place] /= FREED**2
     fitted, held = problem.jacobians_of_halves()
-    residuals = fitter.residuals(fit)
+    residuals = fitter.residuals(fit, held_out=True)
     before = problem.beside_pattern(fitter.data.residuals(fitter.predicted(fit)))
     information, gradient = problem.normal(fitted, problem.start, before)
     step = ScaledEigenvalues.of(information).covariance @ gradient
