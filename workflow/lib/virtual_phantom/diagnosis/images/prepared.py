@@ -10,6 +10,7 @@ import numpy as np
 from scipy import fft, ndimage, stats
 
 from ...base.errors import InputError
+from ...base.pose import Pose
 from ...base.streams import Stream
 from ...base.units import HU_AIR
 from ...physics.beam.spectra import TUNGSTEN, Anode
@@ -25,7 +26,7 @@ from ..residuals.residual_tests import DomainTest, HalfResiduals
 from .model import REALIZATIONS, ImagesModel, noise_lines
 from .observed import Condenser
 from .residual_maps import domain_tests
-from .whitening import LEAST_POWER, LEAST_POWER_OF_SLICES, image_whitening, local_variance
+from .whitening import LEAST_POWER, LEAST_POWER_OF_SLICES, ImageWhitening, image_whitening, local_variance
 
 OFFSET_SD_HU = 1.0  # of the zero of the HU scale
 SIZE_SD = 0.003  # of an object in images: scanners state the size of their voxels this well
@@ -188,13 +189,11 @@ def prepare(
 
     blank = model(np.log(TRIAL_PHOTONS), np.inf)
     stated, place = stated_physics(declared or {}), dict(location or {})
-    physics = before_images(stated)
+    physics, pose = before_images(stated), pose_of(place)
     expected, simulated = blank.images(stated, {"log_photons": np.log(TRIAL_PHOTONS)} | place, blank.nominal)
     taken = repeats if further is None else np.concatenate([repeats, further])
     noise, ratio = _noise(taken, expected, simulated, valid)
     photons = TRIAL_PHOTONS / ratio
-    pose = pose_of(place)
-    finely = reconstruct_finely or reconstruct
     lines = chain.state(physics, pose, anode=anode).line_integrals()
     if noise_of_scan is not None:
         # The mean of logarithms of noisy counts has a bias. Another scan contains the bias by its noise.
@@ -203,25 +202,22 @@ def prepare(
     coarse = reconstruct(lines[None])[0]
     finer = coarse
     if known_image is None:
+        finely = reconstruct_finely or reconstruct
         finer = finely(floor_chain.state(physics, pose, anode=anode).line_integrals()[None])[0]
-    recorded_noise = taken - taken.mean(axis=0)
     if of_slices:
         noise = noise * np.sqrt(slices_variance)
     fitted, held, words, usable = _split(repeats, further, valid, of_slices)
     least = LEAST_POWER_OF_SLICES if of_slices else LEAST_POWER
     white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1), least)
-    log_photons = np.log(nominal_photons or photons)
     # Noise that is not fitted does not determine the photons, so they need a prior.
     needs_prior = nominal_photons or len(fitted) == 1 or of_slices
-    errors = ObjectErrors()
-    if uncertain is not None:
-        of_lines = uncertain.errors_without_edges(chain.geometry, chain.samples, pose)
-        if of_lines.numbers:
-            images = [white(reconstruct(change[None])[0] - HU_AIR).astype(np.float32) for change in of_lines.changes]
-            errors = ObjectErrors(of_lines.numbers, np.stack(images))
-    final = model(log_photons, NOMINAL_PHOTONS_SD if needs_prior else np.inf, object_errors=errors)
+    final = model(
+        np.log(nominal_photons or photons),
+        NOMINAL_PHOTONS_SD if needs_prior else np.inf,
+        object_errors=_object_errors(uncertain, chain, pose, reconstruct, white),
+    )
     if of_slices:
-        final.recorded_noise, nulls = recorded_noise, noise
+        final.recorded_noise, nulls = taken - taken.mean(axis=0), noise
         if known_image is not None:
             final.correction = known_image - coarse
         elif reconstruct_finely is not None:
@@ -234,11 +230,7 @@ def prepare(
         nulls = np.concatenate([batch - HU_AIR for batch in batches])
         final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
     data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
-    # The correction is exact for one set of parameters; a part of it remains at edges that effects change.
-    floor = CORRECTION_LEFT * np.abs(white(np.broadcast_to(final.correction, expected.shape)))
-    if known_error is not None:
-        floor = np.hypot(floor, white(np.broadcast_to(known_error, expected.shape)))
-    floor = np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
+    floor = _floor(white, final.correction, known_error)
     fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
     return PreparedImages(fitter, white.sd**2, words, len(repeats) == 1, photons, noise_of_scan=noise_of_scan)
 
@@ -272,7 +264,29 @@ def _noise(
     return noise, ratio
 
 
-def _split(repeats, further, valid, of_slices=False):
+def _object_errors(
+    uncertain: StatedObject | None, chain: Chain, pose: Pose, reconstruct: Callable, white: ImageWhitening
+) -> ObjectErrors:
+    """Return the errors of the stated object, whose changes are whitened images."""
+    if uncertain is None:
+        return ObjectErrors()
+    of_lines = uncertain.errors_without_edges(chain.geometry, chain.samples, pose)
+    if not of_lines.numbers:
+        return ObjectErrors()
+    images = [white(reconstruct(change[None])[0] - HU_AIR).astype(np.float32) for change in of_lines.changes]
+    return ObjectErrors(of_lines.numbers, np.stack(images))
+
+
+def _floor(white: ImageWhitening, correction: np.ndarray | float, known_error: np.ndarray | None) -> np.ndarray:
+    """Return the SD of the whitened numerical error of predictions, shape (z, y, x)."""
+    # The correction is exact for one set of parameters; a part of it remains at edges that effects change.
+    floor = CORRECTION_LEFT * np.abs(white(np.broadcast_to(correction, white.sd.shape)))
+    if known_error is not None:
+        floor = np.hypot(floor, white(np.broadcast_to(known_error, white.sd.shape)))
+    return np.sqrt(ndimage.gaussian_filter(floor**2, (0, EDGE_VOXELS, EDGE_VOXELS)))
+
+
+def _split(repeats, further, valid, of_slices):
     """Return fitted and held-out repeats, a description of the held-out part, and the voxels that count in each."""
     if further is not None:
         return repeats, further, "repeats kept for it", (valid, valid)
