@@ -53,10 +53,10 @@ def prepare_recording(request: DiagnosisRequest, recording: Recording | None = N
         For a recording of another kind, and for a nominal anode or tube voltage without a known spectrum.
     """
     recording = recording or load_recording(request.folder)
-    if recording.kind not in KINDS:
+    if recording.kind not in PREPARATIONS:
         raise InputError(f"{recording.document.path}: holds {recording.kind}, which are diagnosed by comparison")
     request = request.with_energy(recording.nominal)
-    return recording, KINDS[recording.kind][0](recording, request, nominal_settings(recording))
+    return recording, PREPARATIONS[recording.kind](recording, request, nominal_settings(recording))
 
 
 def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal: NominalSettings) -> PreparedScans:
@@ -122,11 +122,9 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
 
 def compare_images(recording: Recording, *arguments, **options) -> dict:
     """Return the agreement of models with the held-out repeats in images; further arguments as `agreement_of_scans`."""
-    return KINDS[recording.kind][1](recording, *arguments, **options)
+    return AGREEMENTS[recording.kind](recording, *arguments, **options)
 
 
-# {kind of a recording: (preparation, agreement in images)}
-KINDS = {
-    "projections": (prepare_projections, agreement_of_scans),
-    "images": (prepare_images, agreement_of_images),
-}
+# By kind of recording.
+PREPARATIONS = {"projections": prepare_projections, "images": prepare_images}
+AGREEMENTS = {"projections": agreement_of_scans, "images": agreement_of_images}
