@@ -32,7 +32,7 @@ def prepared(folder: Path, name: str, view_step: int):
 
 def left(one, baseline: Trial, chosen: Trial) -> str:
     """RMS after the fit, and the share of the excess that it removes."""
-    choice = Choice(baseline, {}, {}, chosen, {}, {}, {})
+    choice = Choice(baseline, chosen)
     rms = metrics_of(one, choice, held_out=True)["rms_line_integral"]
     return f"{rms['after']:.4f} ({100 * excess_rms_removed(**rms):.0f} %)"
 

@@ -46,10 +46,10 @@ class Choice:
     ----------
     baseline : Trial
         Nuisance parameters alone.
-    alone : dict of str to float
-        {candidate: gain in held-out log score with this effect alone}, to first order if it has no fit in `singles`.
     chosen : Trial
         Final fit of the selected effects; without effects if none is needed. Gains are differences of fits before it.
+    alone : dict of str to float
+        {candidate: gain in held-out log score with this effect alone}, to first order if it has no fit in `singles`.
     gains : dict of str to float
         {effect: held-out log score lost without it, the others refitted}.
     alternatives : dict of str to dict of str to float
@@ -75,12 +75,12 @@ class Choice:
     """
 
     baseline: Trial
-    alone: dict[str, float]
-    singles: dict[str, Trial]
     chosen: Trial
-    gains: dict[str, float]
-    alternatives: dict[str, dict[str, float]]
-    p: dict[str, float | None]
+    alone: dict[str, float] = field(default_factory=dict)
+    singles: dict[str, Trial] = field(default_factory=dict)
+    gains: dict[str, float] = field(default_factory=dict)
+    alternatives: dict[str, dict[str, float]] = field(default_factory=dict)
+    p: dict[str, float | None] = field(default_factory=dict)
     tolerance: float = 0.0
     unconfounded: frozenset[str] = frozenset()
     undecided: dict[str, float] = field(default_factory=dict)
@@ -283,9 +283,9 @@ class ForwardSelection:
             refitted += fitted
         choice = Choice(
             baseline=fits.baseline,
+            chosen=current,
             alone=fits.gain_alone(),
             singles=dict(fits.singles),
-            chosen=current,
             gains={effect: current.score - rest.score for effect, rest in without.items()},
             alternatives=losses,
             p=p,

@@ -160,7 +160,7 @@ def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, sa
     fits = {name: rest.fit for name, rest in without.items()}
     numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
     p = dict.fromkeys(physics.effects)
-    return Choice(baseline, {}, {}, chosen, gains, {}, p, without=fits, numerical=numerical, errors=errors)
+    return Choice(baseline, chosen, gains=gains, p=p, without=fits, numerical=numerical, errors=errors)
 
 
 def _without_scan_parameters(physics: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:

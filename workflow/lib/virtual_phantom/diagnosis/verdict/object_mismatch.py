@@ -67,7 +67,7 @@ def better_than(piece: Change, choice: Choice) -> bool:
 
 def no_physics(baseline: Trial, piece: Change, numerical: float) -> Choice:
     """Return a choice without effects, for a piece of the object that explains more."""
-    return Choice(baseline, {}, {}, baseline, {}, {}, {}, numerical=numerical, piece=piece)
+    return Choice(baseline, chosen=baseline, numerical=numerical, piece=piece)
 
 
 def piece_beside_effects(prepared: Prepared, choice: Choice, changes: ChangesOfFits) -> Change | None:

@@ -58,8 +58,8 @@ class Diagnosis:
         The recording with the noise by which it was judged.
     scanned : ScannedVolume or None
         The object as images show it (comparison.regions).
-    setup : SetupResult or None
-        The check that ended the diagnosis.
+    setup : SetupResult, DataMaps or None
+        The checks that ended the diagnosis.
     """
 
     choice: Choice | None
