@@ -52,7 +52,7 @@ def test_noise_of_selected_views_equals_that_of_all(monkeypatch, repeats):
     lines = np.stack([-np.log(state.counts(random) / air) for _ in range(repeats)]).astype(np.float32)
     taken = observed.Scans(lines, air[0], np.ones(GEOMETRY.shape, bool))
     whole = prepared.prepare(taken, None, chain, step=7)
-    monkeypatch.setattr(first_noise, "MOST_LOOKED_AT", 0)
+    monkeypatch.setattr(first_noise, "MOST_RAYS_FOR_NOISE", 0)
     some = prepared.prepare(taken, None, chain, step=7)
     assert some.data.mean.shape == whole.data.mean.shape
     np.testing.assert_array_equal(some.data.mean, whole.data.mean)

@@ -62,7 +62,7 @@ def test_current_changes_between_views_are_found_in_one_scan(chain):
 
 def test_current_changes_are_found_if_every_nth_view_is_fitted(chain, monkeypatch):
     """The noise is measured in neighboring views only."""
-    monkeypatch.setattr(first_noise, "MOST_LOOKED_AT", 0)
+    monkeypatch.setattr(first_noise, "MOST_RAYS_FOR_NOISE", 0)
     content = named(prepare_recording(chain, MODULATED, 2, step=3))
     assert [effect["name"] for effect in content["effects"]] == ["current_modulation"]
 

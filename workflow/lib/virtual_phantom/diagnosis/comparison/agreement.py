@@ -68,7 +68,7 @@ class Features:
     def __init__(self, regions: Regions):
         self.regions = regions
         self.masks = {name: mask for name, mask in regions.rois.items() if mask.sum() >= MINIMUM_VOXELS}
-        self._kept: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._cache: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def of(self, images: np.ndarray, name: str) -> np.ndarray:
         """Return the features of a stack.
@@ -91,11 +91,12 @@ class Features:
             raise InputError(f"features need an ROI of at least {MINIMUM_VOXELS} voxels; there is none")
         if len(images) < MINIMUM_REPEATS:
             raise InputError(f"features need the SD over at least {MINIMUM_REPEATS} repeats; there are {len(images)}")
-        if id(images) not in self._kept:
+        if id(images) not in self._cache:
             table = extract_repeats(images, Grid(images.shape[1:], self.regions.spacing), self.masks, name)
             values = samples(table, FEATURES, list(self.masks), f"{name} features").values()
-            self._kept[id(images)] = images, np.concatenate(list(values), axis=1)  # kept, so that its id stays its own
-        return self._kept[id(images)][1]
+            # The cached stack keeps its id valid.
+            self._cache[id(images)] = images, np.concatenate(list(values), axis=1)
+        return self._cache[id(images)][1]
 
 
 def agreement(
@@ -164,12 +165,12 @@ def _noise_makers(
     recorded: np.ndarray, simulated: Mapping, regions: Regions, independent: float
 ) -> dict[str, Callable[[], dict]]:
     """Return the metrics of the noise, which share their spectra."""
-    kept: dict[int, Spectrum] = {}
+    cache: dict[int, Spectrum] = {}
 
     def spectrum(images):
-        if id(images) not in kept:
-            kept[id(images)] = noise_spectrum(images, regions.inner, regions.spacing)
-        return kept[id(images)]
+        if id(images) not in cache:
+            cache[id(images)] = noise_spectrum(images, regions.inner, regions.spacing)
+        return cache[id(images)]
 
     def shapes():
         entry = {"unit": "1", "recorded": None}

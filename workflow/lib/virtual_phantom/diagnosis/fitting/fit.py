@@ -21,7 +21,7 @@ from .steps import standard_errors
 # A fit has stalled if its derivatives predict a decrease of chi-square larger than this, but no step achieves it. It is
 # then repeated from starts farther away (problem.FARTHER).
 STALLED = 8.0
-KEPT = 4  # Jacobians at the ends of fits, for rankings, tests and intervals: of two fits, on both halves of the data
+CACHED_JACOBIANS = 4  # at the ends of fits, for rankings, tests and intervals: of two fits, on both halves of the data
 
 
 @dataclass(frozen=True)
@@ -132,12 +132,12 @@ class Fitter:
         self.model, self.data, self.held_out = model, data, held_out
         self.weights = data.weights(variance, floor)
         self.held_weights = held_out.weights(variance, floor)
-        self.kept = LRUCache(KEPT)
+        self.jacobians = LRUCache(CACHED_JACOBIANS)
 
     def of(self, model: Model) -> Fitter:
         """Return the fitter of another model for the same data with the same weights."""
         found = copy.copy(self)
-        found.model, found.kept = model, LRUCache(KEPT)
+        found.model, found.jacobians = model, LRUCache(CACHED_JACOBIANS)
         return found
 
     def fit(

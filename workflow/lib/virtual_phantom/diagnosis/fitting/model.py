@@ -31,7 +31,7 @@ from .unknown import Unknown
 
 DENSITY_SD = 0.02  # of the density scale where attenuation is absolute
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
-NEAR_KEPT = 8  # cached chains, each linearized at one point
+CACHED_CHAINS = 8  # each linearized at one point
 STARTS = (0.02, 0.1, 0.5)  # further starts, as shares of the range, for unknowns that may have local minima
 
 
@@ -77,7 +77,7 @@ class Model(ABC):
         self.object_errors, self.first = object_errors, first
         self.fixed: Mapping[str, Mapping[str, float]] = {}
         self.density, self.declared = density, declared or {}
-        self._near = LRUCache(NEAR_KEPT)
+        self._chains = LRUCache(CACHED_CHAINS)
 
     def nuisances_for(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """Return the nuisance parameters of a model with these effects.
@@ -235,7 +235,7 @@ class Model(ABC):
 
     def linearized_at(self, rays: LinearizationPoint, reach: float = 1.0) -> Chain:
         """Return the chain that is linearized at a point."""
-        return self._near.get(
+        return self._chains.get(
             (rays.key, reach),
             lambda: self.chain.linearized_at(rays.physics, pose_of(rays.nuisance), reach, anode=self.anode),
         )

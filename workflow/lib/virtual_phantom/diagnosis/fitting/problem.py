@@ -31,7 +31,7 @@ MOVING_STEPS = {GEOMETRY: 2.5e-4, MOTION: 2.5e-4, FOCAL_SPOT: 2e-3}
 SLOPE_REACH = 2.0
 UNKNOWN_STEP = 1e-3  # of a nuisance parameter without prior knowledge
 SIZE_STEP = 4e-5  # 4 um at 100 mm, as for positions
-MOST_KEPT = 1e8  # bytes: larger Jacobians are not cached
+MOST_CACHED_BYTES = 1e8  # larger Jacobians are not cached
 
 
 class Problem:
@@ -311,7 +311,7 @@ class Problem:
     @property
     def is_cached(self) -> bool:
         """Whether `changes_at_start` is cached."""
-        return 8 * len(self.start) * self.data.mean.size <= MOST_KEPT
+        return 8 * len(self.start) * self.data.mean.size <= MOST_CACHED_BYTES
 
     def jacobian_at_start(self) -> list[np.ndarray]:
         """Return the Jacobian at the starting point."""
@@ -335,7 +335,7 @@ class Problem:
         linearized = self.linearization.errors.key, self.linearization.rays.key
         held = self.data is self.fitter.held_out
         key = self.effects, held, linearized, tuple(array.tobytes() for array in (self.start, self.steps, self.high))
-        return self.fitter.kept.get(key, compute)
+        return self.fitter.jacobians.get(key, compute)
 
     def changes_of_halves(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Return `changes_at_start` of the fitted and of the held-out data."""

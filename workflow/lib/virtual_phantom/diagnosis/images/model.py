@@ -25,8 +25,8 @@ from .observed import Condenser, ObservedImages
 
 REALIZATIONS = 7  # of noise, reconstructed together; the mean is reconstructed separately
 WATER_SD = 0.3  # SD of the scale if attenuation is absolute: scanners set water to 0 HU for every spectrum
-LINES_KEPT = 2  # cached line integrals: of the mean and of noise
-IMAGES_KEPT = 8  # cached settings; a Jacobian uses the images at its central point for every parameter
+CACHED_LINES = 2  # line integrals: of the mean and of noise
+CACHED_IMAGES = 8  # settings; a Jacobian uses the images at its central point for every parameter
 STARTS_PER_PERIOD = 2  # of a periodic parameter; chi-square had minima of about one period (benchmark image_effects)
 EARLIER = 0  # branch of the random stream of the realizations
 
@@ -66,7 +66,7 @@ class ImagesModel(Model):
         self.correction: np.ndarray | float = 0.0  # HU, of the error of finite pixels and voxels
         self.recorded_noise: np.ndarray | None = None  # HU, shape (repeats, z, y, x)
         self._filters = filters
-        self._lines, self._images = LRUCache(LINES_KEPT), LRUCache(IMAGES_KEPT)
+        self._lines, self._images = LRUCache(CACHED_LINES), LRUCache(CACHED_IMAGES)
 
     def _unknown(self, name: str, parameter: Parameter) -> Unknown | None:
         """See Model; with starts in each period of a periodic length, and at the edge of the voxels that count."""

@@ -22,7 +22,7 @@ from ..fitting.nuisance import pose_of
 # detector offset of 0.19 pixels changes them by 6 x 10^5. Without recomputation, the errors look like a focal spot with
 # a log score of 81.
 MOST_STRAY = 500.0
-KEPT = 4  # cached linearization points
+CACHED_POINTS = 4  # linearization points
 FINER = 2  # factor of the rays per pixel and direction that shows the error of the model
 SIMULATED = "simulation"  # error of the user's own simulation, in units of the change by more rays per pixel
 # Share of an error that remains after it is fitted, because errors of higher order differ from ray to ray.
@@ -69,13 +69,13 @@ class Numerical:
     def __init__(self, chain: Chain, finer: Chain | None, coarser: Chain | None, anode: Anode = TUNGSTEN):
         self._rays = SIMULATED if isinstance(chain.scene, SimulatedScene) else "rays"
         self._chain, self._finer, self._coarser, self._anode = chain, finer, coarser, anode
-        self._kept, self._pieces = LRUCache(KEPT), {}
+        self._cache, self._pieces = LRUCache(CACHED_POINTS), {}
         self.names = tuple(name for name, chain in ((self._rays, finer), ("voxels", coarser)) if chain is not None)
 
     def with_pieces(self, pieces: Mapping[str, Inclusion]) -> Numerical:
         """Return the errors for an object with pieces, {nuisance parameter with the attenuation: piece}."""
         found = copy.copy(self)
-        found._kept, found._pieces = LRUCache(KEPT), pieces
+        found._cache, found._pieces = LRUCache(CACHED_POINTS), pieces
         return found
 
     def at(self, linearization: LinearizationPoint = NOMINAL) -> dict[str, np.ndarray]:
@@ -98,7 +98,7 @@ class Numerical:
 
     def _made(self, linearization: LinearizationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Return the errors and the line integrals themselves."""
-        return self._kept.get(linearization.key, lambda: self._make(linearization))
+        return self._cache.get(linearization.key, lambda: self._make(linearization))
 
     def _make(self, linearization: LinearizationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
         def lines(chain: Chain) -> np.ndarray:

@@ -25,7 +25,7 @@ LEAST_ROWS = 4
 SECOND_DIFFERENCES_SHARE = 1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)
 # Rays, with all rays of a pixel counted. In a larger scan, noise is estimated only from the fitted views and the views
 # next to them. 20 million rays take 2 GB.
-MOST_LOOKED_AT = 2e7
+MOST_RAYS_FOR_NOISE = 2e7
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def first_noise(
         If the repeats do not vary.
     """
     single, of_rows = len(taken) == 1, has_rows(taken.usable)
-    large = step > 1 and rays_of(chain.geometry.shape, chain.samples) > MOST_LOOKED_AT
+    large = step > 1 and rays_of(chain.geometry.shape, chain.samples) > MOST_RAYS_FOR_NOISE
     residuals = None
     if large:
         if single:

@@ -59,8 +59,8 @@ SURFACES_LEFT = 0.25
 OPAQUE = 50.0  # largest line integral whose transmission is computed: single precision ends at 87
 EDGE_SHARE = 0.01  # of the largest variance by unknown edges, above which correlations of rays are estimated
 LEAST_CORRELATION = 0.1  # up to this correlation, neighbors vary together
-KEPT = 3  # changes: whitened of the fitted and of the held-out data, and for the latest values
-KEPT_EDGES = 4  # poses
+CACHED_CHANGES = 3  # whitened changes of the fitted and of the held-out data, and for the latest values
+CACHED_POSES = 4
 
 
 class Edges:
@@ -75,7 +75,7 @@ class Edges:
     """
 
     def __init__(self, scene: GridScene, best: GridScene, shares: bool, geometry: ScanGeometry, samples: int):
-        self._geometry, self._samples, self._kept = geometry, samples, LRUCache(KEPT_EDGES)
+        self._geometry, self._samples, self._cache = geometry, samples, LRUCache(CACHED_POSES)
         parts = parts_of_voxels(scene, geometry)
         binary = shares and scene.is_binary
         self.names = tuple(EDGES) if binary or max(parts) > 1 else ("edge_blur",)
@@ -97,7 +97,7 @@ class Edges:
             lines = {scene: self._lines(scene, pose) for scene in dict.fromkeys(chain.from_iterable(ends.values()))}
             return {name: lines[end] - lines[start] for name, (start, end) in ends.items()}
 
-        return self._kept.get(pose, make)
+        return self._cache.get(pose, make)
 
     def unknown(self, pose: Pose) -> np.ndarray:
         """Return the standard deviation of line integrals by the unknown part of the edges.
@@ -142,7 +142,7 @@ class ObjectErrors:
     left: np.ndarray | float = 0.0
     edges: Edges | None = None
     stated: StatedObject | None = None
-    _kept: LRUCache = field(default_factory=lambda: LRUCache(KEPT), repr=False)
+    _cache: LRUCache = field(default_factory=lambda: LRUCache(CACHED_CHANGES), repr=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -170,12 +170,12 @@ class ObjectErrors:
             columns = [data.whitened(change).ravel() for change in self.changes]
             return data, np.stack(columns) if columns else np.zeros((0, data.mean.size))
 
-        return self._kept.get(id(data), make)[1]
+        return self._cache.get(id(data), make)[1]
 
     def lines(self, nuisance: Mapping[str, float]) -> np.ndarray:
         """Return the change of the line integrals, shape (views, rows, columns)."""
         values = tuple(nuisance[name] for name in self.names)
-        return self._kept.get(values, lambda: np.tensordot(values, self.changes, 1) + self.constant)
+        return self._cache.get(values, lambda: np.tensordot(values, self.changes, 1) + self.constant)
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ class StatedObject:
     uncertainty: ObjectUncertainty
     mu_water_per_mm: float
     phantom: Volume | None = None
-    _kept: LRUCache = field(default_factory=lambda: LRUCache(1), repr=False)
+    _cache: LRUCache = field(default_factory=lambda: LRUCache(1), repr=False)
 
     @classmethod
     def of(cls, request: DiagnosisRequest, scene: Scene) -> StatedObject | None:
@@ -269,7 +269,7 @@ class StatedObject:
         if fine or not isinstance(self.scene, GridScene):
             return None
         key = geometry.key, samples
-        return self._kept.get(key, lambda: Edges(self.scene, self._best, self.phantom is None, geometry, samples))
+        return self._cache.get(key, lambda: Edges(self.scene, self._best, self.phantom is None, geometry, samples))
 
     @cached_property
     def _best(self) -> GridScene:

@@ -170,12 +170,12 @@ class Comparison:
     ):
         self._scene, self._lines, self._usable, self._most, self._reach = scene, lines, usable, tuple(most), reach
         self._mu, self.location = scene.attenuation_per_mm, dict(location or {})
-        self._anywhere, self._by_grid, self._kept, self._not_checked = False, False, {}, not_checked
+        self._anywhere, self._by_grid, self._cache, self._not_checked = False, False, {}, not_checked
 
     def coarser(self, most: Sequence[int]) -> Comparison:
         """Return the comparison with fewer rays."""
         found = copy(self)
-        found._most, found._kept = tuple(most), {}
+        found._most, found._cache = tuple(most), {}
         return found
 
     def anywhere(self, by_grid: bool = False) -> Comparison:
@@ -188,7 +188,7 @@ class Comparison:
             a parallel beam that covers the whole object (first-moment condition of Helgason and Ludwig).
         """
         found = copy(self)
-        found._anywhere, found._by_grid, found._kept = True, by_grid, {}
+        found._anywhere, found._by_grid, found._cache = True, by_grid, {}
         return found
 
     def beyond_reach(self, found: SetupMismatch) -> bool:
@@ -209,14 +209,14 @@ class Comparison:
         if not self._anywhere:
             return start
         key = description.name, turn_deg
-        if key not in self._kept:
+        if key not in self._cache:
             steps = CENTROIDS
             if turn_deg:  # start at the location of the object without rotation
                 start, steps = self.begun(description) | {"turn_deg": turn_deg}, 1
             if not self._by_grid:
                 start = self._centred(description, start, steps)
-            self._kept[key] = self._on_grid(description, start) if self._by_grid and not turn_deg else start
-        return self._kept[key]
+            self._cache[key] = self._on_grid(description, start) if self._by_grid and not turn_deg else start
+        return self._cache[key]
 
     def _centred(
         self, description: Description, start: Mapping[str, float], steps: int = CENTROIDS
@@ -234,12 +234,12 @@ class Comparison:
 
         place, shift = dict(start), start.get("columns_px", 0.0)
         here, key = centroids(place), ("slopes", description.name)
-        if key not in self._kept:
+        if key not in self._cache:
             nudged = [{**place, name: place.get(name, 0.0) + NUDGE_MM} for name in LOCATION]
             # A positive column offset moves the centroid to smaller columns.
             of_columns = np.repeat([-1 / rays.column_step, 0.0], wanted.size // 2)
-            self._kept[key] = np.stack([*((centroids(moved) - here) / NUDGE_MM for moved in nudged), of_columns])
-        slopes = self._kept[key]
+            self._cache[key] = np.stack([*((centroids(moved) - here) / NUDGE_MM for moved in nudged), of_columns])
+        slopes = self._cache[key]
         for _ in range(steps):
             off = wanted - here - shift * slopes[-1]
             seen = np.isfinite(off) & np.isfinite(slopes).all(axis=0)
@@ -327,11 +327,11 @@ class Comparison:
     def _variance_of_one(self, description: Description, rows: slice) -> np.ndarray:
         """Return the noise variance of a single repeat in all views and columns of some rows."""
         key = "variance", description.name
-        if key not in self._kept:
+        if key not in self._cache:
             lines, usable = (description.axes(values) for values in (self._lines[0], self._usable))
             lines = description.values(lines[:, rows].astype(np.float64))
-            self._kept[key] = variance_of_one_repeat(lines, usable[:, rows])
-        return self._kept[key]
+            self._cache[key] = variance_of_one_repeat(lines, usable[:, rows])
+        return self._cache[key]
 
     def mismatch(
         self,
