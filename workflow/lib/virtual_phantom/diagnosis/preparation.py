@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.streams import Branch
 from ..physics.chain import EVEN, Chain
 from ..physics.scenes.sampling import FEW_POINTS
 from ..physics.scenes.shapes import ShapesScene
@@ -16,6 +17,7 @@ from ..physics.state import AIR
 from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
 from ..recordings.scan import scale_note, view_time_note
+from .comparison.regions import ScannedVolume
 from .comparison.scans import agreement_of_scans
 from .fitting.fit import Fit
 from .fitting.nuisance import POSES
@@ -30,6 +32,7 @@ from .projections.prepared import PreparedScans, prepare
 from .request import DiagnosisRequest, NominalSettings, nominal_settings
 from .residuals.dataset import Prepared
 from .scanned_object import binary_voxels_remark, coarse_scene
+from .selection.forward_selection import Choice
 from .workload import samples_and_step
 
 # Rays at edges are not linear in the position and the surfaces of the object. Their changes are therefore computed
@@ -120,9 +123,17 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
     return replace(ready(known, first), time_remark=times, voxels=binary_voxels_remark(request, scene))
 
 
-def compare_images(recording: Recording, *arguments, **options) -> dict:
-    """Return the agreement of models with the held-out repeats in images; further arguments as `agreement_of_scans`."""
-    return AGREEMENTS[recording.kind](recording, *arguments, **options)
+def compare_images(
+    recording: Recording,
+    prepared: Prepared,
+    choice: Choice,
+    request: DiagnosisRequest,
+    purpose: Branch,
+    scanned: ScannedVolume | None,
+    with_changes: bool = False,
+) -> dict:
+    """Return the agreement of models with the held-out repeats in images; arguments as in `agreement_of_scans`."""
+    return AGREEMENTS[recording.kind](recording, prepared, choice, request, purpose, scanned, with_changes)
 
 
 # By kind of recording.

@@ -130,9 +130,9 @@ def run_diagnosis(
     scene = found.prepared.fitter.model.chain.scene
     scanned = ScannedVolume.of(request, recording, study_rois, shape_rois, scene) if images else None
     if images:
-        options = {"scanned": scanned, "with_changes": thresholds is not None}
-        compared = found.prepared, found.choice, request, Branch.AGREEMENT
-        content["agreement"] = compare_images(recording, *compared, **options)
+        content["agreement"] = compare_images(
+            recording, found.prepared, found.choice, request, Branch.AGREEMENT, scanned, thresholds is not None
+        )
         progress.reached(COMPARED)
     if thresholds is not None:
         content = judge_relevance(content, thresholds)

@@ -26,7 +26,13 @@ CORRELATED_REPEATS = 8  # fewest of these images
 
 
 def agreement_of_scans(
-    recording: Recording, prepared: PreparedScans, choice: Choice, request: DiagnosisRequest, purpose: Branch, **options
+    recording: Recording,
+    prepared: PreparedScans,
+    choice: Choice,
+    request: DiagnosisRequest,
+    purpose: Branch,
+    scanned: ScannedVolume | None,
+    with_changes: bool,
 ) -> dict:
     """Return the agreement of the held-out repeats with models, in images.
 
@@ -34,13 +40,15 @@ def agreement_of_scans(
     ----------
     purpose : Branch
         Branch of the random stream for simulated noise.
-    **options
-        Options of `agreement_of_repeats`.
+    scanned, with_changes
+        As in `agreement_of_repeats`.
     """
     further = scans(recording.held_out) if len(recording.held_out) else None
     repeats = held_out_repeats(scans(recording.repeats), further).every(prepared.step)
     seed, mu_water = branch(request.seed, purpose), request.mu_water_per_mm
-    return agreement_of_repeats(repeats, prepared, choice, mu_water, seed, threads=request.threads, **options)
+    return agreement_of_repeats(
+        repeats, prepared, choice, mu_water, seed, scanned, with_changes, threads=request.threads
+    )
 
 
 def agreement_of_repeats(

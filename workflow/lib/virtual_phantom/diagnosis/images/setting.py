@@ -371,7 +371,7 @@ def agreement_of_images(
     request: DiagnosisRequest,
     purpose: Branch,
     scanned: ScannedVolume | None,
-    with_changes: bool = False,
+    with_changes: bool,
 ) -> dict:
     """Return the agreement of the held-out repeats with simulated images of each model, as `agreement_of_repeats`.
 
