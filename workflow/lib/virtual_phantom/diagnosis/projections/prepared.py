@@ -94,7 +94,7 @@ class PreparedScans(Prepared):
 
     def piece(self, fit: Fit) -> PieceOfObject | None:
         """See Prepared.piece."""
-        left = self._left(fit)
+        left = self._fit_residual(fit)
         piece = best_piece(left)
         return None if piece is None else self._of_object(piece, left)
 
@@ -103,11 +103,10 @@ class PreparedScans(Prepared):
         name, moved = f"{PIECE}{len(self.fitter.model.pieces) + 1}", piece.piece
         best, least = self, np.inf
         for _ in range(MOST_MOVES):
-            corrected = self._with(name, moved)
+            model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), moved)
+            corrected = replace(self, fitter=self.fitter.of(model))
             if name not in fit.nuisance:  # the alignment was biased by the mismatch
-                expected = {
-                    number.name: number.expected for number in corrected.fitter.model.nuisances_for(fit.effects)
-                }
+                expected = {number.name: number.expected for number in model.nuisances_for(fit.effects)}
                 fit = replace(fit, nuisance=expected)
             fit = corrected.fitter.fit(fit.effects, fit)
             gained, least = least - fit.chi_square, min(least, fit.chi_square)
@@ -115,23 +114,18 @@ class PreparedScans(Prepared):
                 best = corrected
             if gained < SETTLED:
                 break
-            left = corrected._left(fit)
+            left = corrected._fit_residual(fit)
             fitted = fit.nuisance[name] * left.lengths_mm(moved)
             moved = refined_piece(moved, replace(left, residual=left.residual + fitted)) or moved
         return best
 
     def pieces(self, fit: Fit) -> list[PieceOfObject]:
         """See Prepared.pieces."""
-        left, pieces = self._left(fit), self.fitter.model.pieces.items()
+        left, pieces = self._fit_residual(fit), self.fitter.model.pieces.items()
         fitted = [replace(inclusion.key, more_per_mm=fit.nuisance[name]) for name, inclusion in pieces]
         return [self._of_object(piece, left) for piece in fitted]
 
-    def _with(self, name: str, piece: Piece) -> PreparedScans:
-        """Return the recording with a piece whose excess attenuation is the nuisance parameter `name`."""
-        model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), piece)
-        return replace(self, fitter=self.fitter.of(model))
-
-    def _left(self, fit: Fit) -> FitResidual:
+    def _fit_residual(self, fit: Fit) -> FitResidual:
         """Return the residuals of the fitted data with their geometry."""
         chain, shape = self.fitter.model.chain, self.data.mean.shape
         half, predicted = self.half(fit, held_out=False), self.fitter.predicted(fit)
