@@ -106,7 +106,7 @@ def agreement_of_repeats(
 
 def held_out_repeats(taken: Scans, further: Scans | None) -> Scans:
     """Return the held-out repeats (prepared.split), or all repeats if every second view was held out instead."""
-    if not further and len(taken) < HALVES:
+    if further is None and len(taken) < HALVES:
         return taken
     return split(taken, further)[1]
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...base.geometry import OrbitGeometry
 from ...physics.scenes.objects import read_object
+from ...physics.scenes.scene import Scene
 from ...physics.scenes.shapes import ShapesScene
 from .measurement import OBJECT_KNOWN, DarkFrames, FurtherScan
 
@@ -21,7 +22,7 @@ FEW_ROWS = 4  # fraction of the rows in a narrow beam is 1 / FEW_ROWS
 SAME = "same"
 
 
-def candidate_measurements(geometry: OrbitGeometry, scene: object, own: Mapping) -> list[FurtherScan | DarkFrames]:
+def candidate_measurements(geometry: OrbitGeometry, scene: Scene, own: Mapping) -> list[FurtherScan | DarkFrames]:
     """Return the measurements that the geometry of a recording allows; the first is the same scan again.
 
     Parameters
@@ -94,7 +95,7 @@ def _narrow(again: FurtherScan) -> FurtherScan | None:
 
 
 def _objects(again: FurtherScan) -> Iterator[FurtherScan]:
-    geometry, energy_kev = again.geometry, getattr(again.scene, "energy_kev", None)
+    geometry = again.geometry
     radius_mm = geometry.field_of_view_radius_mm
     high = geometry.rows * geometry.row_pitch_mm / geometry.magnification
     pixel = geometry.column_pitch_mm / geometry.magnification
@@ -115,7 +116,7 @@ def _objects(again: FurtherScan) -> Iterator[FurtherScan]:
     ]
     for name, kind, parameters in offered:
         shaped = read_object(kind, parameters)
-        scene = ShapesScene(shaped.shapes, **({} if energy_kev is None else {"energy_kev": energy_kev}))
+        scene = ShapesScene(shaped.shapes, again.scene.energy_kev)
         if scene.radius_mm > radius_mm:
             continue
         section = {"object": {"kind": kind, "parameters": parameters}, "alignment": dict(OBJECT_KNOWN)}

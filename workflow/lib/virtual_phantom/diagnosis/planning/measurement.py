@@ -11,6 +11,7 @@ from scipy import special
 from ...base.geometry import OrbitGeometry
 from ...physics.chain import Chain
 from ...physics.effect import DARK_DRIFT, DARK_LEVEL, DARK_NOISE, load
+from ...physics.scenes.scene import Scene
 from ...physics.state import MAX_VARIANCE, PHOTONS
 from ..fitting.fit import Fit, Fitter
 from ..fitting.linearization import before_images
@@ -77,7 +78,7 @@ class FurtherScan:
 
     name: str
     words: str
-    scene: object
+    scene: Scene
     geometry: OrbitGeometry
     photons: float = 1.0
     known: Mapping[str, float] = field(default_factory=dict)

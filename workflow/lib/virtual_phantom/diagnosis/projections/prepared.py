@@ -183,7 +183,7 @@ class PreparedScans(Prepared):
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
     """Return fitted data, held-out data, and a description of the held-out part."""
-    if further is not None and len(further):
+    if further is not None:
         return taken, further, "repeats kept for it"
     if len(taken) >= HALVES:
         parts = [replace(taken, repeats=taken.repeats[first::2]) for first in (0, 1)]

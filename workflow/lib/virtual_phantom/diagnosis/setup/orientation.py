@@ -127,7 +127,8 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
     }
     nearest = min(others, key=lambda order: others[order].share)
     best = others[nearest]
-    contrast = float(expected[_inside(expected)].std()) > LEAST_CONTRAST if _inside(expected).any() else False
+    inside = _inside(expected)
+    contrast = bool(inside.any()) and float(expected[inside].std()) > LEAST_CONTRAST
     found, kind, mistakes, chosen = stated, AS_STATED, {}, None
     nearer = min(stated, best, key=lambda registered: registered.share)
     other = contrast and nearer.share > 1 - ALIKE**2 and nearer.correlation < ALIKE
