@@ -69,7 +69,7 @@ def report(scanned, physics=None, differ=False, tried=TRIED):
 
 def differing_by(one, fit, accuracy=0.0):
     """The local mismatch among the kinds of change of a fit."""
-    return next(change for change in changes(one, fit, accuracy) if change.piece is not None)
+    return next(change for change in changes(one, fit, accuracy) if change.mismatch is not None)
 
 
 def data_count(fitter):
@@ -183,12 +183,12 @@ def test_missing_large_insert_explains_all(monkeypatch):
     baseline = trial(prepared_data.fitter, ())
     piece = differing_by(prepared_data, baseline.fit)
     assert baseline.fit.chi_square > 1e6
-    mended = prepared_data.with_piece(piece.piece, baseline.fit)
-    monkeypatch.setattr(type(prepared_data), "with_piece", lambda *_: mended)  # it takes seconds
+    mended = prepared_data.with_mismatch(piece.mismatch, baseline.fit)
+    monkeypatch.setattr(type(prepared_data), "with_mismatch", lambda *_: mended)  # it takes seconds
     assert explains_all(piece, prepared_data, baseline)
     fit = mended.fitter.fit(())
     assert fit.chi_square < data_count(mended.fitter) * 1.01
-    (found_at,) = (piece.content for piece in mended.pieces(fit))
+    (found_at,) = (piece.content for piece in mended.mismatches(fit))
     np.testing.assert_allclose([found_at[name] for name in ("x_mm", "y_mm", "z_mm")], (40, 10, 5), atol=0.2)
     assert found_at["width_mm"] == pytest.approx(30, abs=0.3)
 
@@ -257,12 +257,12 @@ def test_mismatch_is_found_with_the_fitted_detector_position(monkeypatch):
     monkeypatch.setattr(prepared, "MOST_MOVES", 2)
     prepared_data = ready((), {"detector_offset": {"columns_px": 4.0}})
     fit = prepared_data.fitter.fit(("detector_offset",))
-    mended = prepared_data.with_piece(differing_by(prepared_data, fit).piece, fit)
+    mended = prepared_data.with_mismatch(differing_by(prepared_data, fit).mismatch, fit)
     after = mended.fitter.fit(("detector_offset",))
     true = Nuisance("piece_1", "1/mm", 0.0, np.inf), Piece((-35.0, -20.0, -3.0), 15.0, False)
     at_truth = prepared_data.fitter.of(prepared_data.fitter.model.with_piece(*true)).fit(("detector_offset",))
     assert after.chi_square < at_truth.chi_square + 5
-    (piece,) = mended.pieces(after)
+    (piece,) = mended.mismatches(after)
     place = [piece.content[name] for name in ("x_mm", "y_mm", "z_mm")]
     np.testing.assert_allclose(place, (-35, -20, -3), atol=1.0)
 
@@ -273,11 +273,11 @@ def test_two_mismatches_are_corrected_in_turn(monkeypatch):
     prepared_data = ready((), stated=(FAT, bone))
     for count in (1, 2):
         fit = prepared_data.fitter.fit(())
-        prepared_data = prepared_data.with_piece(differing_by(prepared_data, fit).piece, fit)
+        prepared_data = prepared_data.with_mismatch(differing_by(prepared_data, fit).mismatch, fit)
         assert list(prepared_data.fitter.model.pieces) == ["piece_1", "piece_2"][:count]
     fit = prepared_data.fitter.fit(())
     assert fit.chi_square < data_count(prepared_data.fitter) * 1.05
-    first, second = prepared_data.pieces(fit)
+    first, second = prepared_data.mismatches(fit)
     assert first.content["hu"] < -1000 and 0 < second.content["hu"] < 200
     assert first.content["width_mm"] == pytest.approx(20, abs=0.5)
 

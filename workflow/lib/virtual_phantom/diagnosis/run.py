@@ -35,13 +35,13 @@ from .setup.check import check_setup, setup_diagnosis
 from .setup.unknown_object import unknown_object_diagnosis
 from .uncertainty.model_error import errors_with_models
 from .verdict.object_mismatch import (
-    MOST_PIECES,
+    MOST_MISMATCHES,
     better_than,
     beyond_effects,
     differing,
     explains_all,
+    mismatch_beside_effects,
     no_physics,
-    piece_beside_effects,
 )
 from .verdict.unmodeled import ChangesOfFits
 from .verdict.verdict import Diagnosis, diagnose
@@ -159,47 +159,50 @@ def find_missing_physics(
     Parameters
     ----------
     object_may_differ : bool or float, optional
-        Whether pieces of the object that explain more than any effect are corrected before effects are selected. A
-        number limits this to pieces of at most that width, mm.
+        Whether local object mismatches that explain more than any effect are corrected before effects are selected. A
+        number limits this to mismatches of at most that width, mm.
     """
     progress, numerical, changes = progress or DiagnosisProgress(), accuracy.get("numerical", 0.0), ChangesOfFits()
     widest_mm = math.inf if object_may_differ is True else float(object_may_differ)
-    pieces: list[Change] = []
+    corrected: list[Change] = []
 
-    def may_be_corrected(piece: Change) -> bool:
-        return piece.piece.content["width_mm"] <= widest_mm
+    def may_be_corrected(local: Change) -> bool:
+        return local.mismatch.content["width_mm"] <= widest_mm
 
     def select(given: Prepared, cache: FitCache | None) -> Choice:
         (baseline,) = trials(given.fitter, [((),)], cache=cache)
         progress.reached(ALIGNED)
-        piece = differing(changes(given, baseline.fit, numerical)) if len(pieces) < MOST_PIECES else None
-        if piece is not None and pieces and not may_be_corrected(piece):
-            piece = None  # too wide to be corrected: select effects with the pieces corrected so far
+        local = differing(changes(given, baseline.fit, numerical)) if len(corrected) < MOST_MISMATCHES else None
+        if local is not None and corrected and not may_be_corrected(local):
+            local = None  # too wide to be corrected: select effects with the object as corrected so far
         alone = None
-        if piece is not None:
+        if local is not None:
             applicable = applicable_effects(effects, given.fitter.model.with_declared_effects(()))
             alone = (
                 screened(given.fitter, baseline.fit, applicable, processes, progress, accuracy) if applicable else {}
             )
-            if beyond_effects(piece, alone) or explains_all(piece, given, baseline):
-                return no_physics(baseline, piece, numerical)
+            if beyond_effects(local, alone) or explains_all(local, given, baseline):
+                return no_physics(baseline, local, numerical)
         choice = choose(given.fitter, baseline, effects, processes, accuracy, cache, progress, alone)
-        better = piece is not None and not pieces and better_than(piece, choice)
-        return no_physics(baseline, piece, numerical) if better else choice
+        better = local is not None and not corrected and better_than(local, choice)
+        return no_physics(baseline, local, numerical) if better else choice
 
     while True:
-        # Cached fits were made without corrected pieces, so they are of no use after the first correction.
-        prepared, choice = _with_settled_noise(prepared, select, None if pieces else cache)
-        piece = None
-        if widest_mm and len(pieces) < MOST_PIECES:
-            piece = choice.piece or piece_beside_effects(prepared, choice, changes)
-        if piece is None or not may_be_corrected(piece):
+        # Cached fits were made without corrections, so they are of no use after the first correction.
+        prepared, choice = _with_settled_noise(prepared, select, None if corrected else cache)
+        local = None
+        if widest_mm and len(corrected) < MOST_MISMATCHES:
+            local = choice.mismatch or mismatch_beside_effects(prepared, choice, changes)
+        if local is None or not may_be_corrected(local):
             break
-        prepared, pieces = prepared.with_piece(piece.piece, choice.chosen.fit), [*pieces, piece]
-    fitted = prepared.pieces(choice.chosen.fit) if pieces else ()
-    pieces = [replace(change, words=piece.words, piece=piece) for change, piece in zip(pieces, fitted, strict=True)]
+        prepared, corrected = prepared.with_mismatch(local.mismatch, choice.chosen.fit), [*corrected, local]
+    fitted = prepared.mismatches(choice.chosen.fit) if corrected else ()
+    corrected = [
+        replace(change, words=mismatch.words, mismatch=mismatch)
+        for change, mismatch in zip(corrected, fitted, strict=True)
+    ]
     errors = errors_with_models(prepared.fitter, choice.chosen.fit, choice.without, accuracy)
-    found = diagnose(name, prepared, replace(choice, errors=errors), pieces, changes, effects)
+    found = diagnose(name, prepared, replace(choice, errors=errors), corrected, changes, effects)
     progress.reached(JUDGED)
     return found
 

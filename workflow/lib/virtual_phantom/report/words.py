@@ -1,7 +1,7 @@
 """Descriptions of the test domains and nuisance parameters of a diagnosis, for its report."""
 
 from ..diagnosis.projections.object_errors import DENSITY, HU, SURFACE
-from ..diagnosis.verdict.object_mismatch import MOST_PIECES
+from ..diagnosis.verdict.object_mismatch import MOST_MISMATCHES
 
 DOMAINS = {  # {domain: tested quantity}
     "columns": "mean difference of every detector column",
@@ -38,7 +38,7 @@ NUISANCES = {  # {nuisance parameter: (description, unit)}
     "voxels": ("discretization error of the phantom's voxels, relative to the expected one", ""),
     **{
         f"piece_{n}": (f"local object mismatch {n}: attenuation added to the stated one", "1/mm")
-        for n in range(1, MOST_PIECES + 1)
+        for n in range(1, MOST_MISMATCHES + 1)
     },
     "sharp_edges": ("object edges: share of the change by sharp edges within voxels", ""),
     "edge_blur": ("object edges: share of the change by a blur of half a squared voxel", ""),

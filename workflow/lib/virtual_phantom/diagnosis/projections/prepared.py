@@ -18,7 +18,7 @@ from ..fitting.nuisance import NOMINAL_PHOTONS_SD, PIECE, Nuisance, nuisances, p
 from ..fitting.priors import Statement, stated_physics
 from ..noise.condensed import FEWEST, Blocks
 from ..noise.whitening import WHITE, Correlations, Whitening, estimated, of_state
-from ..residuals.dataset import PieceOfObject, Prepared, ResidualMaps
+from ..residuals.dataset import LocalMismatch, Prepared, ResidualMaps
 from ..residuals.residual_tests import DomainTest, HalfResiduals
 from ..uncertainty.prediction_error import changes_by_parameter_errors
 from .change_kinds import kinds
@@ -92,15 +92,15 @@ class PreparedScans(Prepared):
         lines = self.fitter.predicted(fit).mean
         return kinds(lines, model.source_angles_rad, self.usable, self.held_out_text != BY_VIEW)
 
-    def piece(self, fit: Fit) -> PieceOfObject | None:
-        """See Prepared.piece."""
+    def local_mismatch(self, fit: Fit) -> LocalMismatch | None:
+        """See Prepared.local_mismatch."""
         left = self._fit_residual(fit)
         piece = best_piece(left)
-        return None if piece is None else self._of_object(piece, left)
+        return None if piece is None else self._mismatch_of(piece, left)
 
-    def with_piece(self, piece: PieceOfObject, fit: Fit) -> PreparedScans:
-        """See Prepared.with_piece."""
-        name, moved = f"{PIECE}{len(self.fitter.model.pieces) + 1}", piece.piece
+    def with_mismatch(self, mismatch: LocalMismatch, fit: Fit) -> PreparedScans:
+        """See Prepared.with_mismatch."""
+        name, moved = f"{PIECE}{len(self.fitter.model.pieces) + 1}", mismatch.piece
         best, least = self, np.inf
         for _ in range(MOST_MOVES):
             model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), moved)
@@ -119,11 +119,11 @@ class PreparedScans(Prepared):
             moved = refined_piece(moved, replace(left, residual=left.residual + fitted)) or moved
         return best
 
-    def pieces(self, fit: Fit) -> list[PieceOfObject]:
-        """See Prepared.pieces."""
+    def mismatches(self, fit: Fit) -> list[LocalMismatch]:
+        """See Prepared.mismatches."""
         left, pieces = self._fit_residual(fit), self.fitter.model.pieces.items()
         fitted = [replace(inclusion.key, more_per_mm=fit.nuisance[name]) for name, inclusion in pieces]
-        return [self._of_object(piece, left) for piece in fitted]
+        return [self._mismatch_of(piece, left) for piece in fitted]
 
     def _fit_residual(self, fit: Fit) -> FitResidual:
         """Return the residuals of the fitted data with their geometry."""
@@ -135,10 +135,10 @@ class PreparedScans(Prepared):
         moved = pose_of(fit.nuisance), chain.samples, middle_of_spot, predicted.state.motion_mm
         return FitResidual(self.data.as_recorded(residual), weight, chain.geometry, reach_mm, *moved)
 
-    def _of_object(self, piece: Piece, left: FitResidual) -> PieceOfObject:
+    def _mismatch_of(self, piece: Piece, left: FitResidual) -> LocalMismatch:
         energy_kev = self.fitter.model.chain.scene.energy_kev
         lengths = left.lengths_mm(piece).reshape(-1, 1)
-        return PieceOfObject(piece.words(energy_kev), piece.content(energy_kev), lengths, piece)
+        return LocalMismatch(piece.words(energy_kev), piece.content(energy_kev), lengths, piece)
 
     def recorded(self, held_out: bool = False) -> np.ndarray:
         """See Prepared.recorded."""

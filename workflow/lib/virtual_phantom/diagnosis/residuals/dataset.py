@@ -45,8 +45,8 @@ class ResidualMaps:
 
 
 @dataclass(frozen=True)
-class PieceOfObject:
-    """Local object mismatch: a piece of the object that may differ from what was stated.
+class LocalMismatch:
+    """Local object mismatch: a ball or rod in which the object differs from what was stated.
 
     Attributes
     ----------
@@ -77,15 +77,15 @@ class Change:
     gain : float
         Increase of the held-out log score by the change, with its size shrunk toward 0 because of noise (W. James and
         C. Stein, Proc. 4th Berkeley Symp. 1, 361, 1961).
-    piece : PieceOfObject or None
-        The local object mismatch, if the change is one.
+    mismatch : LocalMismatch or None
+        None for changes of other kinds.
     """
 
     words: str
     z: float
     p: float
     gain: float
-    piece: PieceOfObject | None = None
+    mismatch: LocalMismatch | None = None
 
 
 @dataclass(frozen=True)
@@ -167,18 +167,18 @@ class Prepared(ABC):
         """Yield kinds of change of a fit's predictions: description, and directions, (mean data, directions)."""
         return ()
 
-    def piece(self, fit: Fit) -> PieceOfObject | None:
+    def local_mismatch(self, fit: Fit) -> LocalMismatch | None:
         """Return the local object mismatch that explains most of a fit's residuals, if one can be found."""
         return None
 
-    def with_piece(self, piece: PieceOfObject, fit: Fit) -> Prepared:
+    def with_mismatch(self, mismatch: LocalMismatch, fit: Fit) -> Prepared:
         """Return the recording with a local object mismatch that moves with the object and whose attenuation is fitted.
 
         Position and width are fitted again, together with the effects of the fit and the nuisance parameters.
         """
         raise NotImplementedError
 
-    def pieces(self, fit: Fit) -> Sequence[PieceOfObject]:
+    def mismatches(self, fit: Fit) -> Sequence[LocalMismatch]:
         """Return the local object mismatches that the model includes, with the values of a fit; none by default."""
         return ()
 

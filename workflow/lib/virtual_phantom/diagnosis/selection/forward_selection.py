@@ -68,7 +68,7 @@ class Choice:
         {effect: fit without it, all else refitted}.
     numerical : float
         Relative error of the corrections for finite steps.
-    piece : Change or None
+    mismatch : Change or None
         Local object mismatch that explains more than any effect; if there is one, no effect is selected.
     errors : Errors or None
         Standard errors of the fit that include model errors; None: only errors by noise are known.
@@ -86,7 +86,7 @@ class Choice:
     undecided: dict[str, float] = field(default_factory=dict)
     without: dict[str, Fit] = field(default_factory=dict)
     numerical: float = 0.0
-    piece: Change | None = None
+    mismatch: Change | None = None
     errors: Errors | None = None
 
     def ambiguous_with(self, effect: str) -> list[str]:

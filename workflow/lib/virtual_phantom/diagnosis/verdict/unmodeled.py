@@ -20,7 +20,7 @@ from ..fitting.steps import ScaledEigenvalues
 from ..fitting.templates import SMALL, whitened, whitened_columns
 from ..noise.condensed import Observed
 from ..residuals import KINDS
-from ..residuals.dataset import Change, PieceOfObject, Prepared
+from ..residuals.dataset import Change, LocalMismatch, Prepared
 from ..residuals.residual_tests import DomainTest, HalfResiduals
 from ..selection.forward_selection import Choice
 
@@ -90,10 +90,10 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
     step = inverse @ (fitted.columns.T @ fitted.residual + off)
     residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step
     found, of_steps = [], numerical**2 * fit.corrected
-    for words, directions, piece in _tried(prepared, fit):
+    for words, directions, mismatch in _tried(prepared, fit):
         change = _change(fitted, held, residuals, inverse, directions, fit.pattern_variance, of_steps)
         if change is not None:
-            found.append(Change(words, *change, piece))
+            found.append(Change(words, *change, mismatch))
     return sorted(found, key=lambda change: change.p)
 
 
@@ -117,13 +117,13 @@ class ChangesOfFits:
         return self._found[key]
 
 
-def _tried(prepared: Prepared, fit: Fit) -> Iterator[tuple[str, Directions, PieceOfObject | None]]:
-    """Yield all kinds of change, and the piece of the object."""
+def _tried(prepared: Prepared, fit: Fit) -> Iterator[tuple[str, Directions, LocalMismatch | None]]:
+    """Yield all kinds of change, and the local object mismatch."""
     for words, directions in prepared.kinds(fit):
         yield words, directions, None
-    piece = prepared.piece(fit)
-    if piece is not None:
-        yield piece.words, piece.directions, piece
+    mismatch = prepared.local_mismatch(fit)
+    if mismatch is not None:
+        yield mismatch.words, mismatch.directions, mismatch
 
 
 def _change(

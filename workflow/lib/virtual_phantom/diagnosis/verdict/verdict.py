@@ -75,7 +75,7 @@ def diagnose(
     recording: str,
     prepared: Prepared,
     choice: Choice,
-    pieces: Sequence[Change] = (),
+    corrected: Sequence[Change] = (),
     changes: ChangesOfFits | None = None,
     tried: Sequence[str] = (),
 ) -> Diagnosis:
@@ -83,8 +83,8 @@ def diagnose(
 
     Parameters
     ----------
-    pieces : sequence of Change, optional
-        Pieces of the object that were corrected before the fit.
+    corrected : sequence of Change, optional
+        Local object mismatches that were corrected before the fit.
     changes : ChangesOfFits, optional
         Cache that holds the changes computed in the selection.
     """
@@ -156,10 +156,10 @@ def diagnose(
         "noise_from_one_repeat": prepared.single,
         "caveats": caveats(prepared, choice, fitter.model.tube_kvp, left),
     }
-    if choice.piece is not None:
-        content["object"] = content_of([choice.piece], excess(prepared, choice.baseline.fit))
-    elif pieces:
-        content["object"] = content_of(pieces)
+    if choice.mismatch is not None:
+        content["object"] = content_of([choice.mismatch], excess(prepared, choice.baseline.fit))
+    elif corrected:
+        content["object"] = content_of(corrected)
     return Diagnosis(choice, before, after, with_verdict_text(content, recording_lines(content)), prepared)
 
 
@@ -321,7 +321,7 @@ def next_measurements(choice: Choice, something_left: bool, ranked: bool, like_o
     like_object : sequence of str, optional
         Effects that errors of the object explain as well.
     """
-    found = [OBJECT_TURNED] if choice.piece else []
+    found = [OBJECT_TURNED] if choice.mismatch else []
     for name in choice.chosen.fit.effects:
         rivals = choice.ambiguous_with(name)
         if rivals and ranked:
