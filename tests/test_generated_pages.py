@@ -4,7 +4,7 @@ import re
 
 import pytest
 import yaml
-from generators import PAGES, configuration, effects, licenses, proof_confusion, thresholds
+from generators import PAGES, configuration, effects, licenses, thresholds
 from site_pages import ROOT
 
 import virtual_phantom
@@ -136,14 +136,3 @@ def test_licenses_page_has_every_pinned_package():
 def test_every_package_is_pinned_to_the_installed_version():
     for name, version in licenses.pinned().items():
         assert licenses.distribution(name).version == version, f"{name}: run make setup"
-
-
-def test_drawn_confusion_matrix_has_the_recorded_counts(tmp_path, monkeypatch):
-    monkeypatch.setattr(proof_confusion, "OUT", tmp_path / "matrix.png")
-    proof_confusion.main()
-    assert proof_confusion.OUT.exists()
-    cases = yaml.safe_load(proof_confusion.CASES.read_text())
-    monkeypatch.setattr(proof_confusion, "CASES", tmp_path / "cases.yaml")
-    proof_confusion.CASES.write_text(yaml.safe_dump(cases | {"other": cases["other"][1:]}))
-    with pytest.raises(SystemExit, match="first_weak is"):
-        proof_confusion.main()

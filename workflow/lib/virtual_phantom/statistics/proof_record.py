@@ -38,15 +38,12 @@ class RecordedRun:
     ----------
     commit : str
         Commit of the code that was run.
-    registered : bool
-        Whether the run was registered before its scans (proof.scoring.registration).
     rule : int
         Version of the scoring rule.
     note : str
         What a reader must know before comparing the counts with others.
     counts, own : mapping of str to tuple
-        {name of QUANTITIES: (sum of scores, n)}, without and with the library's own equations; `own` is empty if
-        `counts` has all cases.
+        {name of QUANTITIES: (sum of scores, n)}, without and with the library's own equations.
     by_significance : mapping of str to tuple
         As `counts`, with all named effects counted, however irrelevant.
     worst : mapping of str to str
@@ -61,7 +58,6 @@ class RecordedRun:
 
     seed: int
     commit: str
-    registered: bool
     rule: int
     cases: int
     note: str
@@ -89,8 +85,6 @@ def _run(entry: Mapping) -> RecordedRun:
     pairs = {name: _pairs(entry.get(name, {})) for name in ("counts", "own", "by_significance", "coverage")}
     if unknown := {*pairs["counts"], *pairs["own"], *pairs["by_significance"]} - set(QUANTITIES):
         raise ValueError(f"there is no count {sorted(unknown)[0]}")
-    if not isinstance(entry["registered"], bool):
-        raise ValueError(f"registered of commit {entry['commit']} is neither true nor false")
     classes = {
         kind: {name: _pairs(counts) for name, counts in values.items()}
         for kind, values in entry.get("classes", {}).items()

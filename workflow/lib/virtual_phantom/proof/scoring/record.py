@@ -61,7 +61,6 @@ def add(path: str | Path, score: Mapping, runs: str | Path, note: str) -> None:
             raise InputError(f"the score: does not count, because {'; '.join(registered['reasons'])}; register a run")
         entry = {
             **{key: registered[key] for key in ("seed", "commit", "cases")},
-            "registered": True,
             "rule": counted["rule"]["version"],
             "note": note,
             **summary(counted),
@@ -120,8 +119,7 @@ def class_table(run: RecordedRun) -> list[str]:
 
 def filled(page: str, run: RecordedRun) -> str:
     """Return a page with the results of a run between its comments."""
-    registered = "registered before its scans" if run.registered else "not registered"
-    about = f"Commit {run.commit[:8]}, seed {run.seed}, {run.cases} cases, {registered}. {run.note}"
+    about = f"Commit {run.commit[:8]}, seed {run.seed}, {run.cases} cases, registered before its scans. {run.note}"
     lines = "\n".join([*textwrap.wrap(about, 120), "", *table_of(run)])
     return RESULTS.sub(lambda found: f"{found[1]}\n{lines}\n{found[2]}", page)
 
