@@ -63,12 +63,12 @@ def case(number: int, seed: int) -> dict:
     """Hidden effect of a case: an effect of the scanner in even cases, an additional effect in odd ones."""
     random = generator(branch(seed, number))
     if number % 2 == 0:
-        return {"concealed": list(SCANNER)[number // 2 % len(SCANNER)], "settings": {}, "comparable": {}}
+        return {"hidden": list(SCANNER)[number // 2 % len(SCANNER)], "settings": {}, "comparable": {}}
     order = generator(branch(seed, 1000)).permutation(len(BESIDE))
     name = BESIDE[order[number // 2 % len(BESIDE)]]
     strength = str(random.choice(["medium", "strong"]))
     settings, comparable = CATALOGUE[name].draw(strength, random)
-    return {"concealed": name, "strength": strength, "settings": settings, "comparable": comparable}
+    return {"hidden": name, "strength": strength, "settings": settings, "comparable": comparable}
 
 
 def scanned(one: dict, number: int, seed: int):
@@ -112,7 +112,7 @@ def write_config(one: dict, folder: Path, view_step: int) -> Path:
     baseline = {
         name: {key: {"value": value, "sd": sd} for key, (value, sd) in stated.items()}
         for name, (_, stated) in SCANNER.items()
-        if name != one["concealed"]
+        if name != one["hidden"]
     }
     settings = {"object": {"kind": str(folder / "body.yaml")}, "baseline": baseline, "view_step": view_step}
     settings["samples"] = 2  # per direction; the focal spot has points of its own
@@ -165,7 +165,7 @@ def run(options):
     for number in range(options.first, options.first + options.cases):
         one = diagnosed(number, options)
         named = [effect["name"] for effect in one["said"]["effects"]]
-        right = named[:1] == [one["concealed"]]
+        right = named[:1] == [one["hidden"]]
         first += right
-        print(f"{number}: {one['concealed']}: {one['said']['sentence']} [{one['seconds']:.0f} s]", flush=True)
+        print(f"{number}: {one['hidden']}: {one['said']['sentence']} [{one['seconds']:.0f} s]", flush=True)
     print(f"named first in {first} of {options.cases}")

@@ -39,14 +39,14 @@ def drawn(number: int, draws: int, seed: int) -> tuple[dict, dict]:
         effects.append(simulator_scans.of_catalogue(name, "medium", random))
         baseline[str(name)] = stated(effects[-1]["comparable"], random)
     truth = {"case": f"case_{number:02d}", "number": number, "phantom": PHANTOMS[number % 2], "effects": effects}
-    return truth | {"concealed": hidden}, baseline
+    return truth | {"hidden": hidden}, baseline
 
 
 def diagnosed(truth: dict, baseline: dict, config: dict, seed: int) -> dict:
     content, seconds = simulator_scans.diagnosed(truth, config, seed, baseline=baseline)
     return {
-        "concealed": truth["concealed"],
-        "strength": truth["effects"][0]["strength"] if truth["concealed"] else None,
+        "hidden": truth["hidden"],
+        "strength": truth["effects"][0]["strength"] if truth["hidden"] else None,
         "declared": list(baseline),
         "effects": [effect["name"] for effect in content["effects"]],
         "equals": content["ambiguous_with"].get(content["effects"][0]["name"], []) if content["effects"] else [],
@@ -58,11 +58,11 @@ def diagnosed(truth: dict, baseline: dict, config: dict, seed: int) -> dict:
 
 
 def counted(rows: list[dict]) -> None:
-    single = [row for row in rows if row["concealed"]]
-    none = [row for row in rows if not row["concealed"]]
-    first = sum(row["effects"][:1] == [row["concealed"]] for row in single)
-    equal = sum(row["concealed"] in [*row["effects"][:1], *row["equals"]] for row in single)
-    alone = sum(row["effects"] == [row["concealed"]] for row in single)
+    single = [row for row in rows if row["hidden"]]
+    none = [row for row in rows if not row["hidden"]]
+    first = sum(row["effects"][:1] == [row["hidden"]] for row in single)
+    equal = sum(row["hidden"] in [*row["effects"][:1], *row["equals"]] for row in single)
+    alone = sum(row["effects"] == [row["hidden"]] for row in single)
     print(f"named first: {first} of {len(single)}; first or as its equal: {equal}; and nothing beside it: {alone}")
     print(f"no hidden effect, and an effect named: {sum(bool(row['effects']) for row in none)} of {len(none)}")
     print(f"a declared value reported as inconsistent: {sum(bool(row['off']) for row in rows)} of {len(rows)}")
@@ -86,5 +86,5 @@ def run(options):
         rows.append({"number": number} | diagnosed(truth, baseline, config, options.seed))
         common.append_jsonl(options.out, rows[-1])
         one = rows[-1]
-        print(f"{number} {one['concealed'] or 'nothing'}: {one['sentence']} [{one['seconds']:.0f} s]", flush=True)
+        print(f"{number} {one['hidden'] or 'nothing'}: {one['sentence']} [{one['seconds']:.0f} s]", flush=True)
     counted(rows)

@@ -45,7 +45,8 @@ SQUARES_SD = 3.5  # threshold for sums of squares; false-positive rate below 1e-
 LEFT_BINS = (WEAKEST, 10.0, 20.0, np.inf)
 LEFT_OPEN = ("unexplained", "mismatch partly explained")
 FIELDS = (
-    "draw kind truth chosen stand_ins verdict seconds excess_removed left seen worst parameter value low high".split()
+    *"draw kind truth chosen alternatives verdict seconds excess_removed left seen worst".split(),
+    *"parameter value low high".split(),
 )
 
 
@@ -115,7 +116,7 @@ def diagnose_scan(task):
         "kind": kind,
         "truth": "+".join(truth) or "none",
         "chosen": "+".join(effect["name"] for effect in content["effects"]) or "none",
-        "stand_ins": ";".join("/".join(found.ambiguous_with(name)) for name in found.chosen.fit.effects),
+        "alternatives": ";".join("/".join(found.ambiguous_with(name)) for name in found.chosen.fit.effects),
         "verdict": content["verdict"],
         "seconds": round(time.perf_counter() - began, 1),
         "excess_removed": content["excess_removed"],
@@ -139,10 +140,10 @@ def summary(rows):
     named = group = exact = 0
     for row in draws:
         truth, chosen = set(row["truth"].split("+")), row["chosen"].split("+")
-        stand_ins = [set(part.split("/")) for part in row["stand_ins"].split(";")]
+        alternatives = [set(part.split("/")) for part in row["alternatives"].split(";")]
         first = {chosen[0]}
         named += bool(first & truth)
-        group += bool((first | stand_ins[0]) & truth)
+        group += bool((first | alternatives[0]) & truth)
         exact += set(chosen) == truth
     n = len(draws)
     if draws and next(iter(draws))["kind"] == "missing":

@@ -50,7 +50,7 @@ LIBRARY = (
     "motion",
     "photon_flux",
 )
-CONCEALED = {
+HIDDEN = {
     "scatter": {"amount": 0.02, "width_mm": 60.0},
     "detector_offset": {"columns_px": 0.02},
     "electronic_noise": {"photons": 40.0},
@@ -98,9 +98,9 @@ def test_complete_physics_is_a_match(scene):
     assert held_out["rms_line_integral"]["before"] == pytest.approx(held_out["rms_line_integral"]["floor"], rel=0.03)
 
 
-@pytest.mark.parametrize("name", CONCEALED)
+@pytest.mark.parametrize("name", HIDDEN)
 def test_missing_effect_is_named_and_measured(scene, name):
-    _, found = diagnosed(scene, {name: CONCEALED[name]}, seed=2)
+    _, found = diagnosed(scene, {name: HIDDEN[name]}, seed=2)
     content = found.content
     assert content["verdict"] == "mismatch explained", content["sentence"]
     (effect,) = content["effects"]
@@ -109,7 +109,7 @@ def test_missing_effect_is_named_and_measured(scene, name):
         low, high = value["ci95"]
         # 95 % intervals of one realization each: twice the width must contain the truth
         middle, half = (low + high) / 2, (high - low) / 2
-        assert abs(CONCEALED[name][key] - middle) <= 2 * half + 1e-12, (key, value)
+        assert abs(HIDDEN[name][key] - middle) <= 2 * half + 1e-12, (key, value)
     assert content["unexplained"] == [] and content["excess_removed"] > 0.9
     assert any(place["p"] < ALPHA for place in content["locations"]) or name in ("motion", "detector_offset")
 
@@ -125,7 +125,7 @@ def test_effect_that_forces_the_alignment_beyond_its_priors_is_detected(scene):
 
 
 def test_two_missing_effects_are_both_named(scene):
-    hidden = {name: CONCEALED[name] for name in ("scatter", "electronic_noise")}
+    hidden = {name: HIDDEN[name] for name in ("scatter", "electronic_noise")}
     _, found = diagnosed(scene, hidden)
     assert {effect["name"] for effect in found.content["effects"]} == set(hidden), found.content["sentence"]
 
@@ -304,7 +304,7 @@ def test_one_fitted_repeat_is_compared_with_several(scene):
 
 
 def test_fits_are_read_from_files_and_the_report_states_the_findings(scene, tmp_path):
-    prepared_data, found = diagnosed(scene, {"gain_pattern": CONCEALED["gain_pattern"]}, ("gain_pattern", "scatter"))
+    prepared_data, found = diagnosed(scene, {"gain_pattern": HIDDEN["gain_pattern"]}, ("gain_pattern", "scatter"))
     errors = LinearizationPoint({"detector_offset": {"columns_px": 0.3}}, {"x_mm": 0.1})
     moved = Linearization(errors, LinearizationPoint({}, {"y_mm": 0.2}))
     elsewhere = replace(found.choice.chosen, fit=replace(found.choice.chosen.fit, linearization=moved, corrected=2.5))

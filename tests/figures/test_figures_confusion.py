@@ -12,7 +12,7 @@ NAMES = [f"effect_number_{number}" for number in range(20)]
 
 
 def cell(row, column, strength, count, **outcomes):
-    counts = {"right": 0, "stand-in": 0, "wrong": 0} | {key.replace("_", "-"): n for key, n in outcomes.items()}
+    counts = {"right": 0, "alternative": 0, "wrong": 0} | outcomes
     return {"row": row, "column": column, "strength": strength, "count": count, "outcomes": counts}
 
 
@@ -44,8 +44,8 @@ def test_cells_show_shares_in_sorted_rows():
     cells = [
         cell(NAMES[3], NAMES[3], "strong", 6, right=6),
         cell(NAMES[3], NAMES[3], "weak", 2, right=2),
-        cell(NAMES[3], NAMES[5], "weak", 4, wrong=1, stand_in=3),
-        cell(NAMES[0], NAMES[1], "strong", 2, stand_in=2),
+        cell(NAMES[3], NAMES[5], "weak", 4, wrong=1, alternative=3),
+        cell(NAMES[0], NAMES[1], "strong", 2, alternative=2),
         cell(NAMES[7], NAMES[7], "medium", 3, right=3),
         cell("nothing", "nothing", None, 11, right=11),
         cell("nothing", NAMES[5], None, 1, wrong=1),

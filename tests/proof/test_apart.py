@@ -37,7 +37,7 @@ def of_the_proof(names):
 
 
 def test_generator_of_recordings_loads_no_physics_of_the_library():
-    found = loaded(SCRIPTS / "conceal.py", named=modules("proof/hiding/hooks"))
+    found = loaded(SCRIPTS / "scan_proof.py", named=modules("proof/hiding/hooks"))
     assert {"proof.hiding.xcist", "proof.hiding.readout", "proof.hiding.hooks.flux"} <= found
     assert found - of_the_proof(found) <= MAY_BE_LOADED
 

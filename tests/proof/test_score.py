@@ -64,11 +64,11 @@ def test_accuracy(found):
         (1, 1),
     ]
     assert counted(accuracy["first"]["by_kind"]["images"]) == (0.5, 1)
-    assert counted(accuracy["first_or_stand_in"]["all"]) == (2, 3)
-    assert counted(accuracy["first_or_stand_in"]["medium_or_strong"]) == (2, 2)
+    assert counted(accuracy["first_or_alternative"]["all"]) == (2, 3)
+    assert counted(accuracy["first_or_alternative"]["medium_or_strong"]) == (2, 2)
     assert counted(accuracy["exact"]["all"]) == (3, 7)
     assert [counted(accuracy["exact"][name]) for name in ("single", "none", "pair")] == [(1, 3), (1, 2), (1, 2)]
-    assert [counted(accuracy["pairs"][name]) for name in ("both_named", "both_named_or_stand_ins", "one_named")] == [
+    assert [counted(accuracy["pairs"][name]) for name in ("both_named", "both_named_or_alternatives", "one_named")] == [
         (1, 2),
         (1, 2),
         (2, 2),
@@ -117,12 +117,12 @@ def test_removed_and_remaining_excess_by_correct_and_wrong_names(found):
 
 def test_effects_are_counted_from_the_catalog(found):
     effects = found["effects"]
-    assert effects["library"] == len(names()) and effects["never_concealed"] == NEVER
-    assert effects["can_be_concealed"] == len(names()) - len(NEVER)
+    assert effects["library"] == len(names()) and effects["never_hidden"] == NEVER
+    assert effects["can_be_hidden"] == len(names()) - len(NEVER)
     assert effects["models"] == {
-        "simulator": {"concealed": ["bowtie", "electronic_noise", "focal_spot", "scatter"], "lacking": []},
-        "other": {"concealed": [], "lacking": ["periodic_motion", "rotation_blur"]},
-        "own": {"concealed": ["heel"], "lacking": []},
+        "simulator": {"hidden": ["bowtie", "electronic_noise", "focal_spot", "scatter"], "lacking": []},
+        "other": {"hidden": [], "lacking": ["periodic_motion", "rotation_blur"]},
+        "own": {"hidden": ["heel"], "lacking": []},
     }
     first = found["accuracy"]["first"]["by_equation"]
     assert [counted(first[source]) for source in EQUATIONS] == [(1.5, 2), (0, 0), (0, 1)]
@@ -175,7 +175,7 @@ def test_confusion(found):
     cells = {(cell["row"], cell["column"]): cell for cell in matrix["cells"]}
     expected = {
         ("scatter", "scatter"): ("strong", "right"),
-        ("focal_spot", "xray_crosstalk"): ("medium", "stand-in"),
+        ("focal_spot", "xray_crosstalk"): ("medium", "alternative"),
         ("heel", "nothing"): ("weak", "wrong"),
         ("nothing", "nothing"): (None, "right"),
         ("nothing", "gain_pattern"): (None, "wrong"),
@@ -224,7 +224,7 @@ def test_calibration(found):
     none, one, more = found["calibration"]["first_named"]
     assert counted(none["came_true"]) == (2, 3) and counted(none["with_lacking"]) == (2, 5)
     assert none["stated_at_least"] == pytest.approx(20.0855 / 21.0855, abs=1e-4)
-    assert counted(one["came_true"]) == (1, 2) and counted(one["or_stand_in"]) == (2, 2) and one["kept"]
+    assert counted(one["came_true"]) == (1, 2) and counted(one["or_alternative"]) == (2, 2) and one["kept"]
     assert one["stated_at_least"] == 0.5
     assert counted(more["came_true"]) == (0, 0) and more["kept"] is None
     low, high = found["calibration"]["gain"]

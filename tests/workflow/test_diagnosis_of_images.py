@@ -11,7 +11,7 @@ from workflow_runs import planned, tiny
 
 from virtual_phantom.report.words import DOMAINS, describe_nuisance
 
-CONCEALED = {"reconstruction_kernel": {"sigma_mm": 4.0}}
+HIDDEN = {"reconstruction_kernel": {"sigma_mm": 4.0}}
 STUDY = {
     "grid": {"shape": [12, 56, 56], "spacing_mm": [8.0, 5.4, 5.4]},
     "noise": {
@@ -29,9 +29,7 @@ def scanner(tmp_path_factory):
     """A folder with the recording `scanner` and its diagnosis under `results`."""
     folder = tmp_path_factory.mktemp("scanner")
     images = [f"{folder}/made/images/bench/bench/seed{seed:02d}.nii.gz" for seed in range(4)]
-    process = tiny(
-        folder / "made", *images, overlay={**STUDY, "physics": CONCEALED}, config_folder=folder / "concealed"
-    )
+    process = tiny(folder / "made", *images, overlay={**STUDY, "physics": HIDDEN}, config_folder=folder / "hidden")
     assert process.returncode == 0, process.stderr[-4000:]
     recording = folder / "recording"
     recording.mkdir()
@@ -58,7 +56,7 @@ def test_kernel_is_named_with_its_width(scanner):
     found = json.loads((folder / "diagnosis.json").read_text())
     assert [effect["name"] for effect in found["effects"]] == ["reconstruction_kernel"], found["sentence"]
     low, high = found["effects"][0]["parameters"]["sigma_mm"]["ci95"]
-    assert low - (high - low) / 2 < CONCEALED["reconstruction_kernel"]["sigma_mm"] < high + (high - low) / 2
+    assert low - (high - low) / 2 < HIDDEN["reconstruction_kernel"]["sigma_mm"] < high + (high - low) / 2
     rms = found["held_out"]["rms_hu"]
     assert rms["after"] - rms["floor"] < 0.1 * (rms["before"] - rms["floor"])
     resolution = found["agreement"]["metrics"]["resolution"]

@@ -18,7 +18,7 @@ from virtual_phantom.recordings.importers.study import import_study
 from virtual_phantom.report.words import DOMAINS, describe_nuisance
 from virtual_phantom.study.progress.status import duration_range
 
-CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
+HIDDEN = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
 OF_SCANNER = ["bench", "second", "third"]
 EFFECTS = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]
 # The scanned object is the phantom of the study itself. The set-up is checked for `wrong` and `third`.
@@ -38,14 +38,14 @@ STUDY = {
 def bench(tmp_path_factory):
     """A folder with the recording `bench` and its diagnosis under `results`."""
     folder = tmp_path_factory.mktemp("bench")
-    hidden = {**STUDY, "physics": CONCEALED, "keep_projections": True}
+    hidden = {**STUDY, "physics": HIDDEN, "keep_projections": True}
     whole = yaml.safe_load((ROOT / "config" / "paper_groups.yaml").read_text())
     whole["noise"]["model"] = "physical"
-    whole = {**whole, "physics": CONCEALED, "protocols": whole["protocols"] | STUDY["protocols"]}
+    whole = {**whole, "physics": HIDDEN, "protocols": whole["protocols"] | STUDY["protocols"]}
     label = Plan(read_study(whole)).geometry_of("bench")
     made = folder / "made"
     targets = [f"{made}/projections/{label}/bench/seed{seed:02d}.h5" for seed in range(4)]
-    process = tiny(made, *targets, overlay=hidden, config_folder=folder / "concealed")
+    process = tiny(made, *targets, overlay=hidden, config_folder=folder / "hidden")
     assert process.returncode == 0, process.stderr[-4000:]
     import_study(made / "projections" / label / "bench", folder / "bench")
     shutil.copytree(made / "phantom", folder / "results" / "phantom")
@@ -75,12 +75,12 @@ def test_hidden_effects_are_named_and_the_report_exists(bench):
     found = json.loads((folder / "diagnosis.json").read_text())
     assert found["verdict"] == "mismatch explained", found["sentence"]
     effects = {effect["name"]: effect["parameters"] for effect in found["effects"]}
-    assert set(effects) == set(CONCEALED)
+    assert set(effects) == set(HIDDEN)
     for name, key in (("scatter", "amount"), ("electronic_noise", "photons")):
         low, high = effects[name][key]["ci95"]
         least, most = effects[name][key]["ci95_noise"]
         assert low < least < most < high  # with model errors
-        assert low - (high - low) / 2 < CONCEALED[name][key] < high + (high - low) / 2
+        assert low - (high - low) / 2 < HIDDEN[name][key] < high + (high - low) / 2
     assert effects["electronic_noise"]["photons"]["ci95_held"]["all"]["n"] > 0
     assert found["excess_removed"] > 0.9
     report = (folder / "report.html").read_text()
@@ -127,7 +127,7 @@ def test_time_is_stated_before_the_fits_and_by_the_plan(bench):
 
 def test_its_physics_is_an_overlay_that_the_study_accepts(bench):
     physics = yaml.safe_load((bench / "results" / "diagnosis" / "bench" / "physics.yaml").read_text())
-    assert set(physics["physics"]) == set(CONCEALED) and physics["noise"] == {"model": "physical"}
+    assert set(physics["physics"]) == set(HIDDEN) and physics["noise"] == {"model": "physical"}
     process = tiny(
         bench / "results", "-n", overlay={**STUDY, "physics": physics["physics"]}, config_folder=bench / "richer"
     )
@@ -223,7 +223,7 @@ def test_found_physics_is_declared_for_the_next_recording(further):
     """With the physics found in the same scans declared, nothing is missing."""
     found = json.loads((further[0] / "again" / "diagnosis.json").read_text())
     assert (found["verdict"], found["effects"]) == ("match", [])
-    assert set(found["declared"]) == set(CONCEALED) and abs(found["declared"]["scatter"]["amount"]["pull"]) < 3
+    assert set(found["declared"]) == set(HIDDEN) and abs(found["declared"]["scatter"]["amount"]["pull"]) < 3
     assert found["modelled"]["effects tried"] == "detector offset, X-ray crosstalk"
 
 

@@ -39,9 +39,9 @@ rule proof_scan:
     params:
         settings=lambda wildcards: proof.scan_settings(wildcards.case),
         mu_water_per_mm=context.study.mu_water_per_mm,
-        code=code("conceal.py", hooks=True),
+        code=code("scan_proof.py", hooks=True),
     script:
-        "../scripts/conceal.py"
+        "../scripts/scan_proof.py"
 
 
 rule proof_diagnosis:

@@ -14,14 +14,14 @@ CELL_MM, HEAD_MM, LEGEND_MM = 4.2, 32.0, 12.0  # height of a row, of the column 
 ITSELF = "the hidden effect"  # first column
 LOOK = {  # outcome: color of fill, edge and text; also different without color
     "right": (style.BLUE, style.BLUE, "white"),
-    "stand-in": ("white", style.BLUE, "black"),
+    "alternative": ("white", style.BLUE, "black"),
     "wrong": ("#F6C9A8", style.VERMILLION, "black"),
 }
 
 
 def worst(outcomes: Mapping[str, int]) -> str:
     """Return the outcome that a group of cases is drawn with: the worst of its cases."""
-    return next(name for name in ("wrong", "stand-in", "right") if outcomes.get(name))
+    return next(name for name in ("wrong", "alternative", "right") if outcomes.get(name))
 
 
 @style.styled()
@@ -82,7 +82,7 @@ def draw(matrix: Mapping) -> Figure:
     axes.spines[:].set_visible(False)
     meaning = {
         "right": "right (not in library: reported as unexplained)",
-        "stand-in": "hidden effect reported as alternative",
+        "alternative": "hidden effect reported as alternative",
         "wrong": "wrong",
     }
     keys = [Patch(facecolor=face, edgecolor=edge, label=meaning[name]) for name, (face, edge, _) in LOOK.items()]

@@ -55,7 +55,7 @@ def tables(cases: Sequence[Case]) -> dict:
     dict
         {table: [{stated, stated_at_least, came_true, with_lacking, kept}]}, and the meaning of each. came_true is the
         share over cases whose hidden effects the library has, with_lacking the share over all cases. In first_named,
-        came_true counts the effect itself; or_stand_in also counts its alternatives.
+        came_true counts the effect itself; or_alternative also counts its alternatives.
     """
     ruled_out = [(case, name not in case.hidden) for case in cases for name in case.diagnosis["ruled_out"]]
     return {
@@ -94,7 +94,7 @@ def _first_named(label: str, cases: Sequence[Case], fits: Callable[[int], bool])
     alone = float(expit(AS_GOOD))
     stated = float(np.mean([alone if count == 1 else 1 / count for count in members])) if members else None
     line = _line(label, stated, [(case, case.first_right) for case in taken])
-    return line | {"or_stand_in": share(case.first_or_alternative_right for case in taken if case.in_library)}
+    return line | {"or_alternative": share(case.first_or_alternative_right for case in taken if case.in_library)}
 
 
 def _line(label: str, stated: float | None, judged: Iterable[tuple[Case, bool]]) -> dict:

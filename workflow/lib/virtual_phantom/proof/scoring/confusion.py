@@ -11,8 +11,8 @@ from ..hiding.hidden_effect import STRENGTHS
 NOTHING = "nothing"  # row: nothing hidden; column: a match
 NOTHING_FITS = "no effect fits"  # column: a difference without a named effect
 NOT_IN_LIBRARY = "{} (not in library)"
-# `stand-in`: the hidden effect was reported as an alternative to the effect named first.
-OUTCOMES = ("right", "stand-in", "wrong")  # keys in score.json
+# `alternative`: the hidden effect was reported as an alternative to the effect named first.
+OUTCOMES = ("right", "alternative", "wrong")  # keys in score.json
 MEANING = (
     "The matrix shows cases that hide one effect of the library, one effect that the library lacks, or nothing. Cases "
     "that hide two effects are not in the matrix. Right means that the hidden effect was named first. If nothing is "
@@ -41,7 +41,7 @@ def outcome(case: Case) -> str:
     """Return one of OUTCOMES."""
     if case.right:
         return "right"
-    return "stand-in" if case.category == "single" and case.first_or_alternative_right else "wrong"
+    return "alternative" if case.category == "single" and case.first_or_alternative_right else "wrong"
 
 
 def matrix(cases: Sequence[Case]) -> dict:

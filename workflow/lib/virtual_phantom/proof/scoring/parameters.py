@@ -24,7 +24,7 @@ def errors(case: Case) -> list[dict]:
     Returns
     -------
     list of dict
-        case, effect, equation, parameter, `concealed`, fitted, ci95, relative_error (None for a neutral value),
+        case, effect, equation, parameter, `hidden`, fitted, ci95, relative_error (None for a neutral value),
         relative_width (None for a neutral value), half_widths (None for an interval of zero width) and covered.
     """
     stated = case.verdict.get("parameters", {})
@@ -46,7 +46,7 @@ def errors(case: Case) -> list[dict]:
                     "effect": effect["name"],
                     "equation": effect["equation"],
                     "parameter": name,
-                    "concealed": truth,
+                    "hidden": truth,
                     "fitted": entry["value"],
                     "ci95": [low, high],
                     "relative_error": error / size if size else None,

@@ -17,7 +17,7 @@ from .targets import targets
 
 MEANING = {
     "first": "Cases with one hidden effect of the library: it was ranked first; 1/k if in a group of k effects.",
-    "first_or_stand_in": "The same; 1 if in a group.",
+    "first_or_alternative": "The same; 1 if in a group.",
     "exact": "Cases without a hidden effect that the library lacks: precisely the hidden effects were named, in any "
     "order, none of them in a group. If nothing is hidden: the verdict is a match.",
     "pairs": "Cases with two hidden effects.",
@@ -102,7 +102,7 @@ def effects(cases: Sequence[Case]) -> dict:
     Returns
     -------
     dict
-        Includes models, `{one of EQUATIONS: {concealed, lacking}}`: hidden effects that the library has, and faults
+        Includes models, `{one of EQUATIONS: {hidden, lacking}}`: hidden effects that the library has, and faults
         that it lacks.
     """
     made = sorted({(one["equation"], one["known"], one["name"]) for case in cases for one in case.truth["effects"]})
@@ -110,12 +110,12 @@ def effects(cases: Sequence[Case]) -> dict:
         "meaning": MEANING["models"],
         "sources": EQUATIONS,
         "library": len(names()),
-        "can_be_concealed": sum(effect.known for effect in CATALOGUE.values()),
-        "never_concealed": never_hidden(),
+        "can_be_hidden": sum(effect.known for effect in CATALOGUE.values()),
+        "never_hidden": never_hidden(),
         "models": {
             source: {
                 key: [name for equation, known, name in made if equation == source and known == wanted]
-                for key, wanted in (("concealed", True), ("lacking", False))
+                for key, wanted in (("hidden", True), ("lacking", False))
             }
             for source in EQUATIONS
         },
@@ -130,12 +130,12 @@ def accuracy(cases: Sequence[Case]) -> dict:
     return {
         "meaning": MEANING,
         "first": _broken_down(singles, lambda case: case.first_credit),
-        "first_or_stand_in": _broken_down(singles, lambda case: case.first_or_alternative_right),
+        "first_or_alternative": _broken_down(singles, lambda case: case.first_or_alternative_right),
         "exact": {"all": share(case.exact for case in cases if case.in_library)}
         | {name: share(case.exact for case in _in_category(cases, name)) for name in CATEGORIES if name != "unknown"},
         "pairs": {
             "both_named": share(case.all_credit for case in pairs),
-            "both_named_or_stand_ins": share(case.all_or_alternatives_named for case in pairs),
+            "both_named_or_alternatives": share(case.all_or_alternatives_named for case in pairs),
             "one_named": share(bool(set(case.named) & set(case.hidden)) for case in pairs),
         },
         "beside": share(bool(set(case.named) - set(case.hidden)) for case in (*singles, *pairs)),
@@ -198,7 +198,7 @@ def row(case: Case) -> dict:
         "kind": case.kind,
         "phantom": case.truth["phantom"],
         "strength": case.strength,
-        "concealed": list(case.hidden),
+        "hidden": list(case.hidden),
         "simulator": case.truth["simulator"],
         "geometry": case.truth["geometry"],
         "object": case.truth["object"],
