@@ -116,6 +116,18 @@ def test_faults_of_a_fan_beam_are_found(tmp_path):
     assert all(checks[name]["wrong"] for name in ("air", "defective pixels", "center of rotation", "linearity"))
 
 
+def test_edges_of_a_centered_disc_are_no_defects(tmp_path, monkeypatch):
+    """Both edges are in the same columns of all views, and 27 pixels span the radius."""
+    monkeypatch.setattr(f"{__name__}.ELLIPSES", ((0.0, 0.0, 31.0, 31.0, 0, 0.02),))
+    for name, defects in (("whole", []), ("defective", [75])):
+        lines = fan(views=60)
+        lines[:, defects] += 0.05
+        (tmp_path / name).mkdir()
+        _, checks = diagnosed(tmp_path / name, lines)
+        found = checks["defective pixels"]["text"] if "defective pixels" in checks else None
+        assert found == ("1 defective column (75)" if defects else None)
+
+
 def test_other_direction_of_rotation(tmp_path):
     _, checks = diagnosed(tmp_path, fan(direction=-1))
     assert checks["geometry"]["wrong"] and "direction of rotation reversed" in checks["geometry"]["text"]

@@ -206,15 +206,23 @@ def _air(lines: np.ndarray) -> tuple[float | None, DataFinding]:
 
 
 def _defective(lines: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Return pixels that differ from both neighbors in most views, shape (rows, columns)."""
+    """Return pixels that differ from both neighbors in the same direction in most views, shape (rows, columns).
+
+    At the edge of a centered disc, which stays in one column, the values differ from one neighbor only, or lie between
+    both.
+    """
     found = np.zeros(lines.shape[1:], bool)
     if lines.shape[2] < 8 or len(lines) < FEWEST_VIEWS:
         return found
-    second = lines[..., 1:-1] - (lines[..., :-2] + lines[..., 2:]) / 2
+    steps = [lines[..., 1:-1] - lines[..., :-2], lines[..., 1:-1] - lines[..., 2:]]
+    second = (steps[0] + steps[1]) / 2
     good = usable[..., 1:-1] & usable[..., :-2] & usable[..., 2:]
     typical = np.where(good.mean(axis=0) > LEAST_GOOD, np.median(np.where(good, second, 0.0), axis=0), 0.0)
     spread, size = float(np.sqrt(np.median(typical**2) / MEDIAN_SQUARE)), np.abs(typical)
-    found[:, 1:-1] = (size > max(DEFECTIVE * spread, LEAST_DEFECT)) & (size == ndimage.maximum_filter(size, (1, 3)))
+    left, right = (np.median(np.where(good, step, 0.0), axis=0) for step in steps)
+    least = max(DEFECTIVE * spread, LEAST_DEFECT)
+    found[:, 1:-1] = (size > least) & (size == ndimage.maximum_filter(size, (1, 3)))
+    found[:, 1:-1] &= (left * right > 0) & (np.minimum(np.abs(left), np.abs(right)) > least / 2)
     return found
 
 
