@@ -71,6 +71,20 @@ def test_model_accuracy_is_accepted_for_known_effects_only():
         check_accuracy({"default": 0.02, "glow": 0.1})
 
 
+def test_disc_that_contains_the_source_is_rejected():
+    def check(diameter_mm, **scan):
+        content = {"kind": "projections", "scan": scan}
+        disc = stated(disc={"diameter_mm": diameter_mm, "material": "water"})
+        check_kinds({"bench": disc}, {"bench": SimpleNamespace(content=content)})
+
+    message = "bench.disc.diameter_mm is 1000, but the source is 500 mm from the isocenter, within the disc"
+    with pytest.raises(InputError, match=message):
+        check(1000, source_to_isocentre_mm=500)
+    check(999, source_to_isocentre_mm=500)
+    check(1000, source_to_isocentre_mm=500, length_unit="element")
+    check(1000, beam="parallel")
+
+
 def test_transferred_physics_must_come_from_the_same_kind_of_data():
     kinds = {"bench": "projections", "scanner": "images"}
     recordings = {name: SimpleNamespace(content={"kind": kind}) for name, kind in kinds.items()}

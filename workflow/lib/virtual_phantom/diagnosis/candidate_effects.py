@@ -192,6 +192,13 @@ def check_kinds(diagnosed: Mapping[str, RecordingSettings], recordings: Mapping)
             raise InputError(f"{where}.protocol: projections have their own geometry; remove this key")
         if not settings.of_unknown:
             require_angles(recordings[name].content, where)
+        scan = recordings[name].content.get("scan", {})
+        source = scan.get("source_to_isocentre_mm") if scan.get("length_unit") != ELEMENT else None
+        if settings.disc is not None and source is not None and settings.disc.diameter_mm >= 2 * source:
+            raise InputError(
+                f"{where}.disc.diameter_mm is {settings.disc.diameter_mm:g}, but the source is {source:g} mm from the "
+                "isocenter, within the disc; give the diameter in mm"
+            )
         other = settings.physics_from
         if other is not None and (of := recordings[other].content["kind"]) != kind:
             raise InputError(
