@@ -315,6 +315,21 @@ def test_label_map_is_read_and_its_labels_may_be_numbers(desk, capsys):
     assert code == 1 and "materials.2: 'density_g_per_cm3' is a required property" in line
 
 
+def test_mask_is_read(desk, capsys):
+    def messages(mask):
+        diagnosis = {"recordings": {"bench": {"object": {"mask": mask, "material": "pmma"}}}}
+        return checked({"recordings": {"bench": "bench"}, "diagnosis": diagnosis}, capsys)
+
+    where = "Error: diagnosis.recordings.bench.object.mask: "
+    assert messages("labels.nii.gz") == (
+        1,
+        [f"{where}labels.nii.gz: holds values outside 0 to 1; give the share of every voxel that the object fills"],
+    )
+    assert messages("no.nii.gz") == (1, [f"{where}no.nii.gz: no such file; give the path of a NIfTI image"])
+    phantom_files.write_nifti_array(phantom_files.ball("bright").astype(np.uint8), "mask.nii.gz")
+    assert messages("mask.nii.gz") == (0, ["my.yaml: no errors found"])
+
+
 def test_one_mistake_is_one_line(desk, capsys):
     assert checked({"sed": 3}, capsys) == (1, ["Error: config: unknown key 'sed' in config; did you mean 'seed'?"])
 

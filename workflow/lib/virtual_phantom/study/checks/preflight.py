@@ -265,8 +265,9 @@ def _object(
     scanned: MaskedObject | LabelledObject | ShapesObject | OtherScan | None, where: str, keep: bool
 ) -> Iterator[str]:
     """Check the files of a scanned object."""
-    if isinstance(scanned, MaskedObject) and not Path(scanned.mask).is_file():
-        yield f"{where}.mask: {scanned.mask}: no such file; give the path of a NIfTI image"
+    if isinstance(scanned, MaskedObject):
+        lines = cached_check(to_mapping(scanned), [scanned.mask], lambda: _mask(scanned), keep)
+        yield from (f"{where}.mask: {line}" for line in lines)
     if isinstance(scanned, OtherScan) and not Path(scanned.scan).exists():
         yield f"{where}.scan: {scanned.scan}: does not exist; give a folder or an image in HU"
     elif isinstance(scanned, OtherScan):
@@ -279,6 +280,12 @@ def _object(
 
         lines = _messages(read_object, scanned.kind, scanned.parameters)
         yield from (f"{where}: {line}" for line in lines)
+
+
+def _mask(scanned: MaskedObject) -> list[str]:
+    from ...diagnosis.scanned_object import read_mask  # slow import (numba)
+
+    return _messages(read_mask, scanned.mask)
 
 
 def _labels(scanned: LabelledObject) -> list[str]:
