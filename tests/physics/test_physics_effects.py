@@ -112,7 +112,7 @@ def test_settings_are_checked():
     for settings, message in [
         ({"glow": {}}, "there is no effect 'glow'"),
         ({"scatter": {"ratio": 1}}, "scatter: has no ratio"),
-        ({"scatter": {"amount": 3}}, "amount: 3 1 is out of the plausible range, 0 to 0.6"),
+        ({"scatter": {"amount": 3}}, "amount: 3 is out of the plausible range, 0 to 0.6"),
         ({"scatter": {"amount": math.nan}}, "is no finite number"),
     ]:
         with pytest.raises(InputError, match=message):

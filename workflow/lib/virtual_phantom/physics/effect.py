@@ -280,8 +280,9 @@ class Effect:
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 raise InputError(f"{source}.{self.name}.{name}: {value!r} is no finite number")
             if not parameter.low <= value <= parameter.high:
+                unit = "" if parameter.unit == "1" else f" {parameter.unit}"
                 raise InputError(
-                    f"{source}.{self.name}.{name}: {value:g} {parameter.unit} is out of the plausible range, "
+                    f"{source}.{self.name}.{name}: {value:g}{unit} is out of the plausible range, "
                     f"{parameter.low:g} to {parameter.high:g}"
                 )
         return {name: float(given.get(name, parameter.typical)) for name, parameter in known.items()}
