@@ -158,10 +158,16 @@ def test_missing_library_of_the_system_is_one_line(monkeypatch):
         gvirtualxray._transmission(None, None, MU_WATER, np.array([60.0]))
 
 
-def crash():
-    os.kill(os.getpid(), signal.SIGKILL)
+def crash(log, attempts):
+    """Crash in the first attempts, each of which adds a letter to the log; then return their number."""
+    with open(log, "a") as file:
+        file.write("x")
+    if log.stat().st_size <= attempts:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return log.stat().st_size
 
 
-def test_crash_of_a_simulator_is_one_line_and_does_not_hang():
-    with pytest.raises(InputError, match="process of the simulator crashed or was killed.*run the same command again"):
-        isolated(crash)
+def test_scan_is_repeated_if_the_simulator_crashes(tmp_path):
+    assert isolated(crash, tmp_path / "twice", 2) == 3
+    with pytest.raises(InputError, match="crashed or was killed 3 times.*with fewer cores"):
+        isolated(crash, tmp_path / "always", 9)

@@ -38,6 +38,7 @@ ENERGY_BINS = 20
 TARGET_ANGLE_DEG = 7.0  # anode angle of XCIST's tabulated spectra
 FOCAL_SPOT_SAMPLES = 3  # per direction, uniformly spaced
 SPOT_STRETCHED = (1 - FOCAL_SPOT_SAMPLES**-2) ** -0.5  # gives the samples the variance of a uniform focal spot
+ATTEMPTS = 3  # gVirtualXray crashed in 2 of 168 scans, which were complete the next time
 ENERGIES_KEV = (40.0, 120.0)  # range of the monochromatic beam's energy
 # Neutral settings of the hooks.
 IDLE = {
@@ -197,21 +198,23 @@ def simulate(scan: Scan, scanned: Materials, repeats: int, seed: Stream) -> Acqu
 
 
 def isolated(simulate: Callable[..., Acquired], *arguments) -> Acquired:
-    """Return simulate(*arguments), run in a separate process.
+    """Return simulate(*arguments), run in a separate process, again if the process crashes.
 
     Raises
     ------
     InputError
-        If the process crashed or was killed.
+        If the process crashed or was killed in all attempts.
     """
-    try:
-        with ProcessPoolExecutor(1, get_context("fork")) as pool:
-            return pool.submit(simulate, *arguments).result()
-    except BrokenProcessPool as error:
-        raise InputError(
-            "the process of the simulator crashed or was killed, perhaps because memory ran out; run the same command "
-            "again, with fewer cores if this line returns"
-        ) from error
+    for left in reversed(range(ATTEMPTS)):
+        try:
+            with ProcessPoolExecutor(1, get_context("fork")) as pool:
+                return pool.submit(simulate, *arguments).result()
+        except BrokenProcessPool as error:
+            if not left:
+                raise InputError(
+                    f"the process of the simulator crashed or was killed {ATTEMPTS} times, perhaps because memory ran "
+                    "out; run the same command again with fewer cores"
+                ) from error
 
 
 def _simulate(scan, scanned, repeats, seed):
