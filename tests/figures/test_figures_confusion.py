@@ -60,13 +60,13 @@ def test_cells_show_shares_in_sorted_rows():
     assert columns == ["the hidden effect", "effect number 5", "effect number 1", "nothing", "no effect fits"]
     wrong = "#F6C9A8"
     assert found == {
-        (rows[0], "effect number 1"): ("100 %", "#FFFFFF"),
-        (rows[1], "the hidden effect"): ("67 %", style.BLUE),
-        (rows[1], "effect number 5"): ("33 %", wrong),  # one wrong answer among alternatives counts
-        (rows[2], "the hidden effect"): ("100 %", style.BLUE),
-        (rows[3], "nothing"): ("92 %", style.BLUE),
-        (rows[3], "effect number 5"): ("8 %", wrong),
-        (rows[4], "no effect fits"): ("100 %", style.BLUE),
+        (rows[0], "effect number 1"): ("100", "#FFFFFF"),
+        (rows[1], "the hidden effect"): ("67", style.BLUE),
+        (rows[1], "effect number 5"): ("33", wrong),  # one wrong answer among alternatives counts
+        (rows[2], "the hidden effect"): ("100", style.BLUE),
+        (rows[3], "nothing"): ("92", style.BLUE),
+        (rows[3], "effect number 5"): ("8", wrong),
+        (rows[4], "no effect fits"): ("100", style.BLUE),
     }
 
 

@@ -70,7 +70,7 @@ def draw(matrix: Mapping) -> Figure:
                 face, edge, color = LOOK[worst(outcomes)]
                 box = {"facecolor": face, "edgecolor": edge, "linewidth": 0.8, "zorder": 2}
                 axes.add_patch(Rectangle((x - 0.47, y - 0.42), 0.94, 0.84, **box))
-                share = f"{100 * count / total[row]:.0f} %"
+                share = f"{100 * count / total[row]:.0f}"
                 axes.text(x, y, share, ha="center", va="center_baseline", color=color, zorder=3)
     axes.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(rows) - 0.5, -0.5))
     axes.set_xticks(range(len(columns)), map(style.label, columns), rotation=45, ha="left", rotation_mode="anchor")
@@ -86,5 +86,5 @@ def draw(matrix: Mapping) -> Figure:
         "wrong": "wrong",
     }
     keys = [Patch(facecolor=face, edgecolor=edge, label=meaning[name]) for name, (face, edge, _) in LOOK.items()]
-    figure.legend(handles=keys, loc="outside lower center", ncols=3, title="share of the cases in a row")
+    figure.legend(handles=keys, loc="outside lower center", ncols=3, title="percentage of the cases in a row")
     return figure

@@ -60,7 +60,7 @@ OPAQUE = 50.0  # largest line integral whose transmission is computed: single pr
 EDGE_SHARE = 0.01  # of the largest variance by unknown edges, above which correlations of rays are estimated
 LEAST_CORRELATION = 0.1  # up to this correlation, neighbors vary together
 CACHED_CHANGES = 3  # whitened changes of the fitted and of the held-out data, and for the latest values
-CACHED_POSES = 4
+CACHED_POSES = 4  # changes at edges, each for one pose
 
 
 class Edges:
