@@ -118,7 +118,7 @@ def test_errors_of_surfaces_are_those_of_the_fitted_geometry(tmp_path):
     )
     change = (larger.line_integrals() - smaller.line_integrals()) / step_mm / 2
     found = model.object_errors.changes[model.object_errors.names.index(outer)]
-    assert found == pytest.approx(change, abs=0.1 * change.max())
+    assert np.linalg.norm(found - change) < 0.03 * np.linalg.norm(change)  # 11 % in the stated geometry
 
 
 def test_modeled_object_is_described():

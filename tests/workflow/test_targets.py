@@ -2,8 +2,10 @@
 
 import shutil
 
+import numpy as np
 import pytest
 import yaml
+from phantom_files import ball, write_nifti_array
 from test_workflow import IMPORTED, recorded
 from workflow_runs import ROOT, planned, snakemake
 
@@ -29,7 +31,7 @@ def test_targets_of_the_helsinki_recordings_can_be_planned(tmp_path):
     named = {name: recorded(tmp_path / name, kind) for name, kind in IMPORTED["htc2022.yaml"].items()}
     masks = {"ta": named["ta"] / "object.nii.gz", "tb": named["tb"] / "object.nii.gz"}
     for mask in masks.values():
-        mask.touch()
+        write_nifti_array(ball("bright").astype(np.uint8), mask)
     overlay = {
         "results_dir": f"{tmp_path}/r",
         "recordings": {name: str(folder) for name, folder in named.items()},

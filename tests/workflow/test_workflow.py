@@ -14,6 +14,7 @@ import pytest
 import SimpleITK as sitk
 import yaml
 from browser import outside_resources
+from phantom_files import ball, write_nifti_array
 from published_files import with_its_ct
 from test_limits import plan_of
 from workflow_runs import BENEATH, ROOT, TINY, planned, snakemake, tiny
@@ -91,7 +92,7 @@ def test_every_shipped_config_can_be_planned(config, tmp_path):
         overlay["recordings"] = {name: str(recorded(tmp_path / name, kind)) for name, kind in named.items()}
     if config == "htc2022.yaml":
         mask = tmp_path / "object.nii.gz"
-        mask.write_bytes(b"")  # planning checks that it exists
+        write_nifti_array(ball("bright").astype(np.uint8), mask)
         overlay["diagnosis"] = {"recordings": {name: {"object": {"mask": str(mask)}} for name in ("ta", "tb")}}
     if config == "proof.yaml":
         overlay["proof"] = {"seed": 1, "simulators": ["xcist"]}  # without Git and the other simulator
