@@ -109,7 +109,7 @@ def _image(path: Path) -> np.ndarray:
     if len(kinds) > 1:
         listed = enumerated([f"{kind} {shape}" for shape, kind in kinds])
         raise InputError(f"{path}: has pages of different types or shapes ({listed}); keep only the projections")
-    # Programs that write page by page make each page a series of its own.
+    # Programs that write page by page make each page a separate series.
     return pages[0] if len(pages) == 1 else np.stack(pages)
 
 
