@@ -57,6 +57,12 @@ def test_neither_of_two_similar_effects_is_named_within_model_error():
     assert set(choice.undecided) == set(both[1:])
 
 
+def test_errors_of_effects_that_move_rays_may_look_like_another_such_effect():
+    """In four scans of the blind validation, an effect of 0.01 % of the gain of a true one was named beside it."""
+    assert screening.differs_in_kind("motion", ["dark_signal"])
+    assert not screening.differs_in_kind("motion", ["dark_signal", "centre_of_rotation"])
+
+
 def test_a_set_is_fitted_once_from_the_same_start():
     tasks = []
 

@@ -291,6 +291,30 @@ def test_large_errors_of_surfaces_are_exact_where_they_are_linearized():
     assert left[1] < 1e-4
 
 
+def test_errors_of_surfaces_are_linearized_again_at_a_fit_unless_it_lacks_physics():
+    def linearized(larger_mm, first=None):
+        scanned = ShapesScene([cylinder("water", (0, 0, 0), 90 + larger_mm), cylinder(TEFLON, (50, 0, 0), 20)])
+        taken = scans_of(Chain(scanned, GEOMETRY, PHOTONS, samples=4).state({}), 4, np.random.default_rng(2))
+        uncertain = StatedObject(shapes_scene(), ObjectUncertainty(), MU_WATER)
+        fitted = uncertain.with_surfaces(None if first is None else first.nuisance)
+        model, floor = model_and_floor(fitted, GEOMETRY, 4, photons=PHOTONS)
+        options = {"floor_chain": floor, "nominal_photons": PHOTONS, "uncertain": uncertain, "first": first}
+        data = prepared.prepare(taken, None, model, known={"size": 1e-7}, **options)
+        return replace(data, about=lambda fit: linearized(larger_mm, fit))
+
+    data = linearized(0.5)
+    fit = data.fitter.fit(())
+    again = data.linearized_at(fit)
+    assert again is not data
+    better = again.fitter.fit((), fit)
+    assert better.chi_square < fit.chi_square - 500
+    assert better.nuisance["surface_of_water"] == pytest.approx(0.5, abs=0.02)
+    assert again.linearized_at(better) is again
+    wrong = linearized(1.0)
+    assert wrong.linearized_at(wrong.fitter.fit(())) is wrong
+    assert replace(data, about=None).linearized_at(fit).about is None
+
+
 def test_displaced_surfaces_of_voxels_follow_a_grown_disc():
     side = (np.arange(960) + 0.5) / 16 - 30
     disc, larger = (

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.readout import gains, glare, read_out, wide
 from virtual_phantom.proof.hiding.xcist import Acquired
 
@@ -70,6 +71,9 @@ def test_gains_drift_in_the_scan_and_not_in_the_air_scan(taken):
     assert many.std() == pytest.approx(0.05, rel=0.05)
     modules = many.reshape(4, 1000, 16).mean(axis=(0, 2))
     assert np.sqrt((modules**2).mean() / (many**2).mean()) == pytest.approx(np.sqrt(0.5), rel=0.2)
+    _, comparable = CATALOGUE["gain_pattern"].make(0.05, np.random.default_rng(3))
+    within = many - modules[:, None].repeat(16, axis=1).ravel()
+    assert within.std() == pytest.approx(comparable["rms"], rel=0.05)
     assert np.array_equal(found.air, taken.air)
 
 

@@ -25,10 +25,10 @@ from .fitting.priors import BASELINE_CONFIG_KEY, declared
 from .images.setting import agreement_of_images, prepare_images
 from .projections.discretization import model_and_floor
 from .projections.lost_rays import check_scans
-from .projections.object_errors import SURFACE, StatedObject
+from .projections.object_errors import StatedObject
 from .projections.observed import scans
 from .projections.own_simulation import rays_of_simulation, scene_of_scan
-from .projections.prepared import PreparedScans, prepare
+from .projections.prepared import MOST_PULL, PreparedScans, largest_surface_pull, prepare
 from .request import DiagnosisRequest, NominalSettings, nominal_settings
 from .residuals.dataset import Prepared
 from .scanned_object import binary_voxels_remark, coarse_scene
@@ -41,9 +41,6 @@ from .workload import samples_and_step
 # show surfaces as precisely.
 CONVERGED = 1.0
 OF_SHAPES, OF_VOXELS = 8, 2  # most fits
-# Standard deviations of a surface beyond which physics is missing rather than the object wrong. The stated surfaces are
-# then kept.
-MOST_PULL = 3.0
 FIXED = 1e-7  # standard deviation of a size that is not fitted
 
 
@@ -112,15 +109,20 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         # A free size would take the place of surfaces while these are linear.
         fit = ready(known | {"size": FIXED}, first).fitter.fit(())
         before = np.inf if first is None else first.chi_square
-        largest = max((abs(pull) for name, pull in fit.pulls.items() if name.startswith(SURFACE)), default=0.0)
-        if largest > MOST_PULL:
+        if largest_surface_pull(fit) > MOST_PULL:
             first = replace(fit, nuisance={name: value for name, value in fit.nuisance.items() if name in POSES})
             break
         first = fit
         if abs(fit.chi_square - before) < CONVERGED:
             break
     times = "; ".join(filter(None, (scale_note(recording.scan), view_time_note(recording.scan))))
-    return replace(ready(known, first), time_remark=times, voxels=binary_voxels_remark(request, scene))
+    remark = binary_voxels_remark(request, scene)
+
+    def about(first: Fit | None) -> PreparedScans:
+        found = ready(known, first)
+        return replace(found, time_remark=times, voxels=remark, about=None if uncertain is None else about)
+
+    return about(first)
 
 
 def compare_images(

@@ -26,7 +26,7 @@ from .preparation import compare_images, prepare_recording
 from .request import DiagnosisRequest
 from .residuals.dataset import Change, Prepared
 from .selection.fit_cache import FitCache
-from .selection.forward_selection import Choice, choose
+from .selection.forward_selection import Choice, ForwardSelection
 from .selection.progress import ALIGNED, COMPARED, JUDGED, DiagnosisProgress
 from .selection.screening import screened
 from .selection.transfer import Physics, fit_with_fixed_physics, with_physics_source
@@ -48,6 +48,9 @@ from .verdict.verdict import Diagnosis, diagnose
 from .verdict_text import SETUP_VERDICTS, recording_lines, with_verdict_text
 
 WITHOUT_SCALE = "spectrum, scatter and other effects of lengths in mm, as lengths are in detector elements"
+# Errors of the object are linearized where a fit without effects puts its surfaces. Missing physics displaces these, so
+# effects are selected again about a fit with effects, this many times at most.
+MOST_LINEARIZATIONS = 2
 # Called after the set-up check; returns the cached fits of an earlier run and the progress of this one.
 StartOfFits = Callable[[DiagnosisRequest, Recording], tuple[FitCache | None, DiagnosisProgress]]
 
@@ -169,23 +172,34 @@ def find_missing_physics(
     def may_be_corrected(local: Change) -> bool:
         return local.mismatch.content["width_mm"] <= widest_mm
 
-    def select(given: Prepared, cache: FitCache | None) -> Choice:
-        (baseline,) = trials(given.fitter, [((),)], cache=cache)
-        progress.reached(ALIGNED)
-        local = differing(changes(given, baseline.fit, numerical)) if len(corrected) < MOST_MISMATCHES else None
-        if local is not None and corrected and not may_be_corrected(local):
-            local = None  # too wide to be corrected: select effects with the object as corrected so far
-        alone = None
-        if local is not None:
-            applicable = applicable_effects(effects, given.fitter.model.with_declared_effects(()))
-            alone = (
-                screened(given.fitter, baseline.fit, applicable, processes, progress, accuracy) if applicable else {}
+    def select(given: Prepared, cache: FitCache | None) -> tuple[Prepared, Choice]:
+        for left in reversed(range(1 + MOST_LINEARIZATIONS)):
+            (baseline,) = trials(given.fitter, [((),)], cache=cache)
+            progress.reached(ALIGNED)
+            local = differing(changes(given, baseline.fit, numerical)) if len(corrected) < MOST_MISMATCHES else None
+            if local is not None and corrected and not may_be_corrected(local):
+                local = None  # too wide to be corrected: select effects with the object as corrected so far
+            alone = None
+            if local is not None:
+                applicable = applicable_effects(effects, given.fitter.model.with_declared_effects(()))
+                alone = (
+                    screened(given.fitter, baseline.fit, applicable, processes, progress, accuracy)
+                    if applicable
+                    else {}
+                )
+                if beyond_effects(local, alone) or explains_all(local, given, baseline):
+                    return given, no_physics(baseline, local, numerical)
+            selection = ForwardSelection.of(
+                given.fitter, baseline, effects, processes, accuracy, cache, progress, alone
             )
-            if beyond_effects(local, alone) or explains_all(local, given, baseline):
-                return no_physics(baseline, local, numerical)
-        choice = choose(given.fitter, baseline, effects, processes, accuracy, cache, progress, alone)
+            selection.add_effects()
+            again = given.linearized_at(selection.current.fit) if left else given
+            if again is given:
+                break
+            given, cache = again, None
+        choice = selection.judged()
         better = local is not None and not corrected and better_than(local, choice)
-        return no_physics(baseline, local, numerical) if better else choice
+        return given, no_physics(baseline, local, numerical) if better else choice
 
     while True:
         # Cached fits were made without corrections, so they are of no use after the first correction.
@@ -212,9 +226,15 @@ def apply_known_physics(
 ) -> Diagnosis:
     """Judge a prepared recording by physics that was found on another one: only the alignment is fitted."""
 
-    def apply(given: Prepared, cache: FitCache | None) -> Choice:
-        (baseline,) = trials(given.fitter, [((),)], cache=cache)
-        return fit_with_fixed_physics(given.fitter, baseline, physics, same_material)
+    def apply(given: Prepared, cache: FitCache | None) -> tuple[Prepared, Choice]:
+        for left in reversed(range(1 + MOST_LINEARIZATIONS)):
+            (baseline,) = trials(given.fitter, [((),)], cache=cache)
+            choice = fit_with_fixed_physics(given.fitter, baseline, physics, same_material)
+            again = given.linearized_at(choice.chosen.fit) if left else given
+            if again is given:
+                break
+            given, cache = again, None
+        return given, choice
 
     prepared, choice = _with_settled_noise(prepared, apply, cache)
     found = diagnose(name, prepared, choice)
@@ -222,13 +242,15 @@ def apply_known_physics(
 
 
 def _with_settled_noise(
-    prepared: Prepared, select: Callable[[Prepared, FitCache | None], Choice], cache: FitCache | None
+    prepared: Prepared,
+    select: Callable[[Prepared, FitCache | None], tuple[Prepared, Choice]],
+    cache: FitCache | None,
 ) -> tuple[Prepared, Choice]:
     """Select effects, and select again if the chosen effects give the noise other correlations.
 
     Only recordings that do not determine the noise correlations are repeated. All models are then refitted, so that
     they are compared by the same likelihood. The cache is for the first choice only.
     """
-    choice = select(prepared, cache)
+    prepared, choice = select(prepared, cache)
     again = prepared.with_noise_of(choice.chosen.fit)
-    return (prepared, choice) if again is prepared else (again, select(again, None))
+    return (prepared, choice) if again is prepared else select(again, None)

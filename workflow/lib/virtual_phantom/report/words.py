@@ -41,6 +41,7 @@ NUISANCES = {  # {nuisance parameter: (description, unit)}
         for n in range(1, MOST_MISMATCHES + 1)
     },
     "sharp_edges": ("object edges: share of the change by sharp edges within voxels", ""),
+    "finer_edges": ("object edges: share of the change by sharp edges within voxels, beside surfaces of labels", ""),
     "edge_blur": ("object edges: share of the change by a blur of half a squared voxel", ""),
 }
 OBJECT_ERRORS = {  # {beginning of the name of a nuisance parameter: (description, unit)}

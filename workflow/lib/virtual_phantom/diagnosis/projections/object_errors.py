@@ -39,19 +39,21 @@ DENSE_HU = 150  # from here on the relative error of the density adds to the err
 # Changes of the line integrals of voxels, from one scene to another, and their amplitude, mean and standard deviation.
 # - edge_blur: by a blur of sharp edges with a variance of half a squared voxel.
 # - sharp_edges: by sharp interfaces within voxels; 0 for an object with blurred edges.
+# - finer_edges: the same for an object whose fitted scene has the surfaces of labels.
+EDGE_BLUR, SHARP_EDGES, FINER_EDGES = "edge_blur", "sharp_edges", "finer_edges"
 EDGES = {
-    "edge_blur": ("sharp", "blurred", -0.25, 0.5),
-    "sharp_edges": ("stated", "sharp", 0.5, 0.5),
+    EDGE_BLUR: ("sharp", "blurred", -0.25, 0.5),
+    SHARP_EDGES: ("fitted", "sharp", 0.5, 0.5),
+    FINER_EDGES: ("fitted", "sharp", 1.0, 0.5),
 }
 PARTS_PER_PIXEL, MOST_PARTS, ROUNDING = 3, 4, 1e-6  # parts of voxels, a third of a pixel wide at the isocenter
 MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
 # Variance of the attenuation in a voxel that remains unknown, relative to its mixture (GridScene.variance).
-# - of labels: the mixture assumes an edge at a uniformly distributed position. Neighbors share this position where
-#   a surface is parallel to the grid, so twice the variance is needed. With 1, view_blur stood out in two of three
-#   scans with voxels of half a pixel (seed 102).
+# - of labels: the mixture assumes an edge at a uniformly distributed position. With half of this variance, the two
+#   edges of a ray have an SD of 0.33 voxels; where no curve fits, they have 0.25 (scenes.label_surfaces).
 # - of shares: the position follows from the share and its gradient. Measured for random bodies: 0.011 to 0.019 (seed
 #   102); with 1/60, scatter stood out in two of five scans with voxels of half a pixel.
-UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 2.0, 1 / 30
+UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 0.5, 1 / 30
 # Error of the change of line integrals by surfaces of voxels, relative to the change and to the size of a voxel in
 # pixels. Measured for discs of 60 and 100 mm with voxels of 0.4 to 0.7 pixels that grow by -0.3 to 0.2 mm: 0.12 to
 # 0.30. The volume of the grown disc has 0.13 to 0.26.
@@ -68,23 +70,42 @@ class Edges:
 
     Parameters
     ----------
-    best : GridScene
-        The scene with partial volumes.
+    scene : GridScene
+        The stated object.
+    fitted : GridScene
+        Scene to whose line integrals the changes are added.
+    best, rough : GridScene
+        The scene with partial volumes; of labels, by curves and from smoothed voxels alone.
     shares : bool
         Whether amounts of the scene are shares of voxels; otherwise it is a phantom in HU.
     """
 
-    def __init__(self, scene: GridScene, best: GridScene, shares: bool, geometry: ScanGeometry, samples: int):
+    def __init__(
+        self,
+        scene: GridScene,
+        fitted: GridScene,
+        best: GridScene,
+        rough: GridScene,
+        shares: bool,
+        geometry: ScanGeometry,
+        samples: int,
+    ):
         self._geometry, self._samples, self._cache = geometry, samples, LRUCache(CACHED_POSES)
         parts = parts_of_voxels(scene, geometry)
         binary = shares and scene.is_binary
-        self.names = tuple(EDGES) if binary or max(parts) > 1 else ("edge_blur",)
+        divided, terraced = max(parts) > 1, binary and fitted is scene
+        sharper = SHARP_EDGES if fitted is scene else FINER_EDGES
+        self.names = (EDGE_BLUR, sharper) if divided or terraced else (EDGE_BLUR,)
         sharp = best.attenuation(parts, shares)
+        blurred = sharp.blurred()
         self._scenes = {
             "stated": scene.attenuation(),
+            "fitted": fitted.attenuation(),
             "sharp": sharp,
-            "blurred": sharp.blurred(),
+            "blurred": blurred,
             "variance": scene.variance(shares),
+            # Its difference from the stated scene shows how far errors of edges extend.
+            "rough": rough.attenuation(parts) if binary else sharp if divided else blurred,
         }
         # Errors of voxels along a ray are independent, so their variances add with squared path lengths.
         self._unknown = scene.grid.spacing[2] * (UNKNOWN_OF_LABELS if binary else UNKNOWN_OF_SHARES)
@@ -106,7 +127,7 @@ class Edges:
         number of rays that vary together, which the change by sharp edges shows.
         """
         variance = self._unknown * self._lines("variance", pose)
-        change = self.at(pose)["sharp_edges" if "sharp_edges" in self.names else "edge_blur"]
+        change = self._lines("rough", pose) - self._lines("stated", pose)
         there = variance > EDGE_SHARE * variance.max()
         scaled = np.divide(change, np.sqrt(variance), out=np.zeros_like(variance), where=there)
         return np.sqrt(variance * np.prod([together(scaled, axis) for axis in range(3)]))
@@ -229,7 +250,7 @@ class StatedObject:
                     f"object_uncertainty.materials: the object has no material '{name}'; {did_you_mean(name, names)}"
                 )
         found = self.errors_without_edges(geometry, samples, pose, about)
-        return replace(found, edges=self._edges(geometry, samples), stated=self)
+        return replace(found, edges=self._edges(geometry, samples, about), stated=self)
 
     @property
     def alignment(self) -> dict[str, float]:
@@ -263,13 +284,16 @@ class StatedObject:
         """Return another object, with default uncertainty of its materials."""
         return StatedObject(scene, ObjectUncertainty(), self.mu_water_per_mm)
 
-    def _edges(self, geometry: ScanGeometry, samples: int) -> Edges | None:
+    def _edges(self, geometry: ScanGeometry, samples: int, about: Mapping[str, float] | None) -> Edges | None:
         """Return the edges of voxels; None for shapes, and for a phantom in HU with small voxels."""
         fine = self.phantom is not None and max(parts_of_voxels(self.scene, geometry)) == 1
         if fine or not isinstance(self.scene, GridScene):
             return None
-        key = geometry.key, samples
-        return self._cache.get(key, lambda: Edges(self.scene, self._best, self.phantom is None, geometry, samples))
+        fitted = self.with_surfaces(about)
+        key = geometry.key, samples, fitted is self.scene
+        return self._cache.get(
+            key, lambda: Edges(self.scene, fitted, self._best, self._rough, self.phantom is None, geometry, samples)
+        )
 
     @cached_property
     def _best(self) -> GridScene:
@@ -282,17 +306,29 @@ class StatedObject:
         return scene.with_amounts(np.pad(scene.amounts, ((0, 0), (0, 0), (1, 1), (1, 1))))
 
     @cached_property
+    def _rough(self) -> GridScene:
+        """As _best, with surfaces of labels from smoothed voxels alone."""
+        return self.scene.with_partial_volumes(contours=False) if self.scene.is_binary else self._best
+
+    @cached_property
     def _of_volumes(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
         """Change of the attenuation per unit of each error of a density or HU, 1/mm, and its surfaces."""
         return self._of_labels() if self.phantom is None else self._of_phantom()
 
     def with_surfaces(self, about: Mapping[str, float] | None) -> Scene:
-        """Return the scene to which the changes of `errors` are added: shapes have the surfaces of `about`.
+        """Return the scene to which the changes of `errors` are added.
 
         A change of line integrals at an edge depends on all effects that move or blur it, which the scene of the chain
-        takes into account. Voxels stay as stated.
+        takes into account. Shapes have the surfaces of `about`. Labels have surfaces if these fit better than the
+        terraces of voxels, which any blur would smooth.
         """
-        if not about or not isinstance(self.scene, ShapesScene) or not self.has_surfaces:
+        if not about:
+            return self.scene
+        if isinstance(self.scene, GridScene) and self.scene.is_binary:
+            has_surfaces = EDGE_BLUR in about and SHARP_EDGES not in about
+            fits_better = about.get(SHARP_EDGES, 0.0) > EDGES[SHARP_EDGES][2]
+            return self._best if has_surfaces or fits_better else self.scene
+        if not isinstance(self.scene, ShapesScene) or not self.has_surfaces:
             return self.scene
         parts = parts_of_shapes(self.scene.shapes)
         return _grown(self.scene, parts, {name: about.get(SURFACE + name, 0.0) for name in parts})

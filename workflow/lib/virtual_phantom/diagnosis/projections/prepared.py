@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -27,7 +27,7 @@ from .first_noise import every, filled, first_noise, has_rows
 from .local_mismatch import FitResidual, Piece, best_piece, object_radius_mm, refined_piece
 from .lost_rays import lost_rays_remark, truncation_of
 from .model import ScansModel
-from .object_errors import ObjectErrors, StatedObject
+from .object_errors import SURFACE, ObjectErrors, StatedObject
 from .observed import ObservedScans, Scans, observe, with_noise_of_views
 from .residual_maps import domain_tests, excess_at_edges
 
@@ -36,6 +36,10 @@ SIZE_SD = 5e-4  # of the object, 0.1 mm in 200 mm; with a fixed size, errors of 
 BY_VIEW = "every second view"
 MOST_MOVES = 6  # refinements of a local object mismatch, each with a fit of the alignment
 SETTLED = 1.0  # gain in chi-square that ends the refinement
+# Standard deviations of a surface beyond which physics is missing rather than the object wrong. The stated surfaces are
+# then kept.
+MOST_PULL = 3.0
+MOST_LINEARIZATION_ERROR = 8.0  # chi-square that the smallest gain of an effect (forward_selection.LEAST_GAIN) changes
 DISPLAY = ResidualMaps(
     unit="line_integral",
     summed=1,
@@ -62,11 +66,15 @@ class PreparedScans(Prepared):
     ----------
     second_difference : float
         Variance of second differences relative to the variance of a view, for the noise estimate of a single repeat.
+    about : callable or None
+        Returns the recording with errors of the object linearized at a fit; None if they are exact, or with local
+        object mismatches.
     """
 
     display: ClassVar[ResidualMaps] = DISPLAY
 
     second_difference: float = WHITE.of_second_differences()
+    about: Callable[[Fit], PreparedScans] | None = None
 
     @property
     def usable(self) -> np.ndarray:
@@ -104,7 +112,7 @@ class PreparedScans(Prepared):
         best, least = self, np.inf
         for _ in range(MOST_MOVES):
             model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), moved)
-            corrected = replace(self, fitter=self.fitter.of(model))
+            corrected = replace(self, fitter=self.fitter.of(model), about=None)
             if name not in fit.nuisance:  # the alignment was biased by the mismatch
                 expected = {number.name: number.expected for number in model.nuisances_for(fit.effects)}
                 fit = replace(fit, nuisance=expected)
@@ -175,10 +183,26 @@ class PreparedScans(Prepared):
         fitter = Fitter(model, data, held_out, _whitened_variance(variance, data, clean), _floor(data))
         return replace(self, fitter=fitter, variance=variance, second_difference=now)
 
+    def linearized_at(self, fit: Fit) -> PreparedScans:
+        """See Prepared.linearized_at."""
+        if self.about is None or largest_surface_pull(fit) > MOST_PULL:
+            return self
+        again = self.about(fit)
+        expected = {number.name: number.expected for number in again.fitter.model.base_nuisances}
+        there = again.fitter.predicted(replace(fit, nuisance=expected | fit.nuisance))
+        change = there.mean - self.fitter.predicted(fit).mean
+        error = float((again.fitter.weights[0] * self.data.whitened(change).ravel() ** 2).sum())
+        return again if error > MOST_LINEARIZATION_ERROR else self
+
     def caveats(self, fit: Fit) -> list[str]:
         """See Prepared.caveats."""
         chain = self.fitter.model.chain
         return lost_rays_remark(self.usable) + truncation_of(chain.scene, chain.geometry).remark
+
+
+def largest_surface_pull(fit: Fit) -> float:
+    """Return the largest displacement of a surface of the object in a fit, in standard deviations."""
+    return max((abs(pull) for name, pull in fit.pulls.items() if name.startswith(SURFACE)), default=0.0)
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:

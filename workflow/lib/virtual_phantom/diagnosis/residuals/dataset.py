@@ -198,6 +198,10 @@ class Prepared(ABC):
         """Return the recording with the noise correlations of a fit, if the recording does not determine them."""
         return self
 
+    def linearized_at(self, fit: Fit) -> Prepared:
+        """Return the recording with errors of the object linearized at a fit; itself if this changes nothing."""
+        return self
+
     def caveats(self, fit: Fit) -> list[str]:
         """Return sentences for the report on limits of the recording and of a fit."""
         return []

@@ -110,38 +110,11 @@ class Choice:
         return {name: lost for name, lost in least.items() if lost >= enough and name not in self.undecided}
 
 
-def choose(
-    fitter: Fitter,
-    baseline: Trial,
-    candidates: Sequence[str],
-    processes: int = 1,
-    accuracy: Mapping[str, float] | None = None,
-    cache: FitCache | None = None,
-    progress: DiagnosisProgress | None = None,
-    alone: Mapping[str, Screened] | None = None,
-) -> Choice:
-    """Select the effects that explain the held-out data.
-
-    Parameters
-    ----------
-    baseline : Trial
-        Nuisance parameters alone.
-    processes, cache
-        As for `trials`.
-    accuracy : mapping of str to float, optional
-        Relative error of the models, {effect: share of its own change of the data}, with `default` for other effects
-        and `numerical` for discretization corrections. A gain that such errors may cause is neither evidence for
-        another effect nor against an alternative. None: defaults of the configuration.
-    alone : mapping of str to Screened, optional
-        Matched filters of the candidates for the fit without effects, if they are known.
-    """
-    accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
-    # Fits from other starts stay out of the cache, which holds one fit for each set of effects.
-    refit = partial(trials, fitter, processes=processes, progress=progress, final=False)
-    screen = partial(screened, fitter, processes=processes, progress=progress)
-    fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, cache=cache), screen)
-    fits.alone = fits.filters(baseline.fit, fits.others(())) if alone is None else alone
-    return ForwardSelection(fits).run()
+def choose(fitter: Fitter, baseline: Trial, candidates: Sequence[str], *more, **settings) -> Choice:
+    """Select the effects that explain the held-out data; arguments as ForwardSelection.of takes them."""
+    selection = ForwardSelection.of(fitter, baseline, candidates, *more, **settings)
+    selection.add_effects()
+    return selection.judged()
 
 
 class ForwardSelection:
@@ -167,9 +140,43 @@ class ForwardSelection:
         self.worth: dict[str, float] = {}
         self.unconfounded: set[str] = set()
 
-    def run(self) -> Choice:
-        """Select effects."""
-        self.add_effects()
+    @classmethod
+    def of(
+        cls,
+        fitter: Fitter,
+        baseline: Trial,
+        candidates: Sequence[str],
+        processes: int = 1,
+        accuracy: Mapping[str, float] | None = None,
+        cache: FitCache | None = None,
+        progress: DiagnosisProgress | None = None,
+        alone: Mapping[str, Screened] | None = None,
+    ) -> ForwardSelection:
+        """Return the selection before any effect is added.
+
+        Parameters
+        ----------
+        baseline : Trial
+            Nuisance parameters alone.
+        processes, cache
+            As for `trials`.
+        accuracy : mapping of str to float, optional
+            Relative error of the models, {effect: share of its own change of the data}, with `default` for other
+            effects and `numerical` for discretization corrections. A gain that such errors may cause is neither
+            evidence for another effect nor against an alternative. None: defaults of the configuration.
+        alone : mapping of str to Screened, optional
+            Matched filters of the candidates for the fit without effects, if they are known.
+        """
+        accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
+        # Fits from other starts stay out of the cache, which holds one fit for each set of effects.
+        refit = partial(trials, fitter, processes=processes, progress=progress, final=False)
+        screen = partial(screened, fitter, processes=processes, progress=progress)
+        fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, cache=cache), screen)
+        fits.alone = fits.filters(baseline.fit, fits.others(())) if alone is None else alone
+        return cls(fits)
+
+    def judged(self) -> Choice:
+        """Exchange effects, and return the selected ones with their gains and alternatives."""
         choice = self.exchange_effects()
         found = self._filters_beside(choice.chosen) if choice.chosen.fit.effects else {}
         fit = self.fits.fitter.finished(choice.chosen.fit)

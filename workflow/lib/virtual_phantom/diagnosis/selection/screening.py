@@ -238,9 +238,11 @@ def stands_out(filtered: Screened, count: int, least_gain: float) -> bool:
 def differs_in_kind(effect: str, fitted: Sequence[str]) -> bool:
     """Return whether model errors of fitted effects cannot look like an effect.
 
-    Errors of signals cannot move rays or the object. The error of a filter is a filter, which keeps uniform areas.
+    Errors of signals cannot move rays or the object, but those of a fitted effect that moves them can. The error of a
+    filter is a filter, which keeps uniform areas.
     """
-    return load(effect).kinematic or (load(effect).shades and all(load(name).mtf is not None for name in fitted))
+    moves = load(effect).kinematic and not any(load(name).kinematic for name in fitted)
+    return moves or (load(effect).shades and all(load(name).mtf is not None for name in fitted))
 
 
 def is_unconfounded(

@@ -37,7 +37,7 @@ EFFECT = Effect(
     signature="residuals that are constant over views and differ between pixels",
     settled_by="make an air scan immediately before or after the scan",
     parameters=(
-        Parameter("rms", "1", "r: standard deviation of ln gain", 0.0, 0.2, 0.002, 0.005),
+        Parameter("rms", "1", "r: standard deviation of ln gain from pixel to pixel", 0.0, 0.2, 0.002, 0.005),
         Parameter("detector", "number", "number of the random pattern", 0.0, 1e6, 0.0, 0.0, None),
     ),
     apply=apply,

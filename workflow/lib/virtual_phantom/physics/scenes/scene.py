@@ -16,15 +16,14 @@ from ...io.volumes import Volume
 from ...projectors.cpu import check_in_orbit
 from ..beam.materials import Material, Segmentation, attenuation_per_mm, energy_of
 from .interfaces import divided, phases, repeated
+from .label_surfaces import partial_volumes
 from .rays import Rays, Voxels
 
 DISC_ENERGY_KEV = 60.0  # default energy of the monochromatic beam: about the mean of a body scan at 120 kV
 # Continuation of a cut object: smallest amount of material in the last slice that counts as matter (air of a real scan
 # is not empty), and largest number of slices.
 MIN_CUT_AMOUNT, MAX_EXTENSION = 0.25, 32
-# Surfaces of binary voxels: SD of the Gaussian, voxels, which smooths terraces; margin for it, voxels; and the least
-# change per voxel next to a surface. A Gaussian of 2.5 voxels removes balls with a radius of two voxels.
-SURFACE_SIGMA, MARGIN, LEAST_SLOPE = 1.25, 3, 0.02
+MARGIN, LEAST_SUM = 3, 0.02  # of partial volumes: voxels around the object, and least sum of all shares of a voxel
 UNIFORM = 1 / 12  # variance of a uniformly distributed share
 
 
@@ -111,22 +110,18 @@ class GridScene(Scene):
         """As Voxels.slopes."""
         return self._voxels.slopes(rays, self.threads)
 
-    def with_partial_volumes(self) -> GridScene:
+    def with_partial_volumes(self, contours: bool = True) -> GridScene:
         """Return the scene with partial volumes at surfaces, for voxels that have one material or none.
 
-        The surface of a material is where its smoothed amount is 0.5. The smoothing 2 G - G^2 by a Gaussian G does not
-        displace curved surfaces, to first order. The partial volume follows from the distance of the voxel from the
-        surface.
+        Parameters
+        ----------
+        contours : bool, optional
+            Whether surfaces follow contours (label_surfaces.partial_volumes).
         """
         amounts = np.pad(self.amounts, ((0, 0), (0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)))
         every = np.concatenate([amounts, 1 - amounts.sum(axis=0, keepdims=True)])  # the last one is empty space
-        for share in every:
-            once = ndimage.gaussian_filter(share, SURFACE_SIGMA, mode="nearest")
-            smooth = 2 * once - ndimage.gaussian_filter(once, SURFACE_SIGMA, mode="nearest")
-            slope = np.sqrt(sum(np.gradient(smooth, axis=axis) ** 2 for axis in range(3) if share.shape[axis] > 1))
-            there = slope > LEAST_SLOPE
-            share[there] = np.clip(0.5 + (smooth[there] - 0.5) / slope[there], 0, 1)
-        every /= np.maximum(every.sum(axis=0), LEAST_SLOPE)
+        every = np.stack([partial_volumes(share, contours) for share in every])
+        every /= np.maximum(every.sum(axis=0), LEAST_SUM)
         return self.with_amounts(every[:-1])
 
     def attenuation(self, parts: tuple[int, int, int] = (1, 1, 1), shares: bool = True) -> GridScene:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...physics.effect import names
-from .hidden_effect import EQUATIONS, IMAGE, MEAN, NOISE, READOUT_KEV, HiddenEffect, sign
+from .hidden_effect import EQUATIONS, IMAGE, MEAN, MODULE_SHARE, NOISE, READOUT_KEV, HiddenEffect, sign
 from .missing_effects import MISSING_EFFECTS
 
 XCIST, GVXR = SIMULATORS = ("xcist", "gvirtualxray")
@@ -98,6 +98,11 @@ def _dark(size, random):
     return settings, {"level_units": size * READOUT_KEV}  # the mean of all pixels
 
 
+def _gains(size, _):
+    # The constants of the library are independent, as errors of pixels are here, but not those of modules.
+    return {"gain_rms": size}, {"rms": size * (1 - MODULE_SHARE) ** 0.5}
+
+
 def _hu(size, random):
     scale, offset = 1 + size * sign(random), 500 * size * sign(random)
     return {"hu_scale": scale, "hu_offset": offset}, {"scale": scale, "offset_hu": offset}
@@ -147,9 +152,7 @@ CATALOGUE: dict[str, HiddenEffect] = {
     "current_modulation": HiddenEffect(((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _wave("modulation"), NOISE),
     "bowtie": HiddenEffect(((0.05, 0.1), (0.2, 0.4), (0.7, 1.0)), _bowtie, (*NOISE, "white field")),
     "heel": HiddenEffect(((1e-3, 2e-3), (4e-3, 7e-3), (0.012, 0.02)), _heel, (*NOISE, "white field")),
-    "gain_pattern": HiddenEffect(
-        ((6e-4, 1e-3), (2e-3, 4e-3), (8e-3, 0.015)), _same("gain_rms", "rms"), ("pixels", "columns")
-    ),
+    "gain_pattern": HiddenEffect(((6e-4, 1e-3), (2e-3, 4e-3), (8e-3, 0.015)), _gains, ("pixels", "columns")),
     "centre_of_rotation": HiddenEffect(
         ((0.05, 0.08), (0.15, 0.3), (0.6, 1.2)), _same("axis_shift_mm", "shift_mm", True), MEAN, "place"
     ),

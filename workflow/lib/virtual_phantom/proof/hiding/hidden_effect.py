@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 READOUT_KEV = 60.0  # converts a dark signal from photons to readout units: the simulators read energy, in keV
+MODULE_SHARE = 0.5  # of the variance of gains that is common to the columns of a detector module
 STRENGTHS = ("weak", "medium", "strong")
 MEAN = ("projections", "columns", "views", "rows", "path length", "edges")
 NOISE = ("noise variance", "noise level")

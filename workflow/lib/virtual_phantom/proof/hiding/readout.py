@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.signal import fftconvolve
 
-from .hidden_effect import READOUT_KEV
+from .hidden_effect import MODULE_SHARE, READOUT_KEV
 from .unsteady import settling
 from .xcist import Acquired
 
@@ -58,13 +58,13 @@ def read_out(
 
 
 def gains(rms: float, shape: tuple[int, int], random: np.random.Generator) -> np.ndarray:
-    """Return the gains of pixels, (rows, columns): half of the variance is common to the columns of a module.
+    """Return the gains of pixels, (rows, columns): MODULE_SHARE of the variance is common to the columns of a module.
 
     Errors of pixels are uniformly distributed.
     """
     modules = random.normal(0, 1, -(-shape[1] // MODULE_COLUMNS)).repeat(MODULE_COLUMNS)[: shape[1]]
     pixels = random.uniform(-np.sqrt(3), np.sqrt(3), shape)
-    return 1 + rms * np.sqrt(0.5) * (modules + pixels)
+    return 1 + rms * (np.sqrt(MODULE_SHARE) * modules + np.sqrt(1 - MODULE_SHARE) * pixels)
 
 
 def glare(range_mm: float, pitch_mm: tuple[float, float]) -> np.ndarray:

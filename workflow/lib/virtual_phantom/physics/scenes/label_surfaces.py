@@ -1,0 +1,156 @@
+"""Surfaces of labels: the share of each voxel that a material fills, from voxels that are full or empty.
+
+Voxels show a surface as terraces. A smoothing of the voxels leaves waves, which any blur of the scan smooths further.
+Sections of the surface are therefore closed curves of as few Fourier coefficients [1]_ as agree with all voxels.
+
+References
+----------
+.. [1] F. P. Kuhl and C. R. Giardina, Comput. Graph. Image Process. 18, 236, 1982.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+# SD of the Gaussian that smooths terraces where no curve fits, voxels; its reach, in SDs; and the least change per
+# voxel next to a surface. Chords of discs with radii of 10 to 200 voxels then have an SD of 0.22 to 0.25 voxels, with
+# curves of 0.05 to 0.09. Where a surface is parallel to the grid, errors of its position reach 0.43 and 0.11 voxels.
+SIGMA, REACH, LEAST_SLOPE = 1.25, 3.0, 0.02
+SHARPENED = 1 + math.sqrt(2)
+HARMONICS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # of the curves, in the order in which they are tried
+MOST_HARMONICS = 0.25  # per point of a contour, so that the curve cannot follow the terraces
+# Distance of voxels from the curve on the wrong side, voxels. From 0.05 to 0.2, discs with radii of 10 to 150 voxels
+# keep these chords; with 0.02, they have an SD of 0.10 to 0.20 voxels.
+MOST_CONTRADICTION = 0.1
+SMOOTHED_POINTS = 3.0  # SD of the Gaussian that makes the length along a contour independent of terraces, points
+POINTS = 4  # of a curve, per point of the contour
+NEAR = 2  # voxels on either side of a surface that may have a partial volume
+
+
+def partial_volumes(share: np.ndarray, contours: bool) -> np.ndarray:
+    """Return the share of each voxel that a material fills.
+
+    Voxels near a surface have the share of their distance from it. The surface is the curve of its section
+    (`_curve_of`). Where no curve fits, or with `contours` false, it is where the smoothed share is 0.5. A Gaussian G
+    lowers the share at a surface in proportion to its curvature and to its standard deviation, which G^2 has times
+    sqrt(2). The smoothing (1 + a) G - a G^2 with a = SHARPENED therefore does not displace surfaces, to first order in
+    their curvature.
+
+    Parameters
+    ----------
+    share : ndarray, shape (z, y, x)
+        1 for voxels of the material, else 0.
+    """
+    if not share.any():
+        return share
+    found, reach = share.copy(), math.ceil(2 * REACH * SIGMA)
+    (filled,) = ndimage.find_objects((share > 0).astype(np.uint8))
+    box = tuple(slice(max(0, side.start - reach), side.stop + reach) for side in filled)
+    share, part = share[box], found[box]
+    inside = share > 0.5
+    axes = [axis for axis in range(3) if share.shape[axis] > 1]
+
+    def blurred(values: np.ndarray) -> np.ndarray:
+        return ndimage.gaussian_filter(values, SIGMA, axes=axes, mode="nearest", truncate=REACH)
+
+    once = blurred(share)
+    smooth = (1 + SHARPENED) * once - SHARPENED * blurred(once)
+    slopes = {axis: np.gradient(smooth, axis=axis) for axis in axes}
+    slope = np.sqrt(sum(along**2 for along in slopes.values()))
+    there = slope > LEAST_SLOPE
+    distance = np.divide(smooth - 0.5, slope, out=np.where(inside, 1, -1).astype(smooth.dtype), where=there)
+    if contours:
+        # The distance from an inclined surface is this share of the distance within the section.
+        inclined = np.divide(np.hypot(slopes[1], slopes[2]), slope, out=np.ones_like(slope), where=there)
+        curves: list[tuple[np.ndarray, np.ndarray]] = []
+        for number, section in enumerate(inside):
+            if not number or (section != inside[number - 1]).any():
+                curves = _distances(section)
+            for voxels, along in curves:
+                distance[number, *voxels] = inclined[number, *voxels] * along
+                there[number, *voxels] = True
+    part[there] = np.clip(0.5 + distance[there], 0, 1)
+    return found
+
+
+def _distances(section: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the voxels near each contour of a section that a curve describes, and their distances from it.
+
+    Returns
+    -------
+    list of tuple
+        Indices (2, voxels), and distances, voxels, positive inside.
+    """
+    from skimage.measure import find_contours  # slow import
+
+    found = []
+    for contour in find_contours(section.astype(float), 0.5):
+        points, shape = contour[:-1], np.array(section.shape)
+        if (contour[0] != contour[-1]).any():  # it ends at the border
+            continue
+        low = np.maximum(np.floor(points.min(axis=0)).astype(int) - NEAR, 0)
+        high = np.minimum(np.ceil(points.max(axis=0)).astype(int) + NEAR + 1, shape)
+        touched = np.zeros(high - low, bool)
+        touched[tuple(np.clip(np.round(points).astype(int), 0, shape - 1).T - low[:, None])] = True
+        voxels = np.argwhere(ndimage.binary_dilation(touched, iterations=NEAR)) + low
+        distance = _curve_of(points, voxels, section[tuple(voxels.T)])
+        if distance is not None:
+            found.append((voxels.T, distance))
+    return found
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """A closed curve, as points and their normals, shape (points, 2)."""
+
+    points: np.ndarray
+    normals: np.ndarray
+
+    @classmethod
+    def of(cls, points: np.ndarray, length: np.ndarray, harmonics: int) -> _Curve:
+        """Return the curve of a number of harmonics that fits points at lengths along it, from 0 to 1."""
+        coefficients = np.linalg.lstsq(_waves(length, harmonics), points, rcond=None)[0]
+        places = _waves(np.arange(POINTS * len(points)) / (POINTS * len(points)), harmonics) @ coefficients
+        along = np.roll(places, -1, axis=0) - np.roll(places, 1, axis=0)
+        normals = np.stack([along[:, 1], -along[:, 0]], axis=1)
+        return cls(places, normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+    def distance(self, voxels: np.ndarray) -> np.ndarray:
+        """Return the distance of voxels (voxels, 2) along the normal of the nearest point."""
+        _, nearest = cKDTree(self.points).query(voxels)
+        return ((voxels - self.points[nearest]) * self.normals[nearest]).sum(axis=1)
+
+
+def _waves(length: np.ndarray, harmonics: int) -> np.ndarray:
+    """Return the waves of a Fourier series at lengths from 0 to 1, shape (lengths, 1 + 2 harmonics)."""
+    phase = 2 * np.pi * np.outer(length, np.arange(1, 1 + harmonics))
+    return np.hstack([np.ones((len(length), 1)), np.cos(phase), np.sin(phase)])
+
+
+def _curve_of(points: np.ndarray, voxels: np.ndarray, inside: np.ndarray) -> np.ndarray | None:
+    """Return the distance of voxels from the curve of the fewest harmonics that agrees with them; None: there is none.
+
+    Parameters
+    ----------
+    points : ndarray, shape (points, 2)
+        Contour along the borders of voxels.
+    voxels : ndarray, shape (voxels, 2)
+    inside : ndarray of bool, shape (voxels,)
+        Whether a voxel belongs to the material.
+    """
+    smooth = ndimage.gaussian_filter1d(points, SMOOTHED_POINTS, axis=0, mode="wrap")
+    steps = np.linalg.norm(np.roll(smooth, -1, axis=0) - smooth, axis=1)
+    length = (np.cumsum(steps) - steps) / steps.sum()
+    for harmonics in HARMONICS:
+        if harmonics > MOST_HARMONICS * len(points):
+            break
+        distance = _Curve.of(points, length, harmonics).distance(voxels)
+        distance *= np.sign(np.median(distance[inside]))
+        if np.where(inside, -distance, distance).max() <= MOST_CONTRADICTION:
+            return distance
+    return None
