@@ -20,6 +20,7 @@ from .assumptions import model_assumptions
 from .candidate_effects import require_angles
 from .comparison.regions import ScannedVolume
 from .comparison.relevance import judge_relevance
+from .fitting.fit import Fit
 from .images.other_scan import with_other_scan
 from .images.scan import with_scan
 from .preparation import compare_images, prepare_recording
@@ -51,6 +52,8 @@ WITHOUT_SCALE = "spectrum, scatter and other effects of lengths in mm, as length
 # Errors of the object are linearized where a fit without effects puts its surfaces. Missing physics displaces these, so
 # effects are selected again about a fit with effects, this many times at most.
 MOST_LINEARIZATIONS = 2
+# A fit with the effects selected so far, None if the selection has ended, and a function that returns its result.
+Begun = tuple[Fit | None, Callable[[], Choice]]
 # Called after the set-up check; returns the cached fits of an earlier run and the progress of this one.
 StartOfFits = Callable[[DiagnosisRequest, Recording], tuple[FitCache | None, DiagnosisProgress]]
 
@@ -172,38 +175,33 @@ def find_missing_physics(
     def may_be_corrected(local: Change) -> bool:
         return local.mismatch.content["width_mm"] <= widest_mm
 
-    def select(given: Prepared, cache: FitCache | None) -> tuple[Prepared, Choice]:
-        for left in reversed(range(1 + MOST_LINEARIZATIONS)):
-            (baseline,) = trials(given.fitter, [((),)], cache=cache)
-            progress.reached(ALIGNED)
-            local = differing(changes(given, baseline.fit, numerical)) if len(corrected) < MOST_MISMATCHES else None
-            if local is not None and corrected and not may_be_corrected(local):
-                local = None  # too wide to be corrected: select effects with the object as corrected so far
-            alone = None
-            if local is not None:
-                applicable = applicable_effects(effects, given.fitter.model.with_declared_effects(()))
-                alone = (
-                    screened(given.fitter, baseline.fit, applicable, processes, progress, accuracy)
-                    if applicable
-                    else {}
-                )
-                if beyond_effects(local, alone) or explains_all(local, given, baseline):
-                    return given, no_physics(baseline, local, numerical)
-            selection = ForwardSelection.of(
-                given.fitter, baseline, effects, processes, accuracy, cache, progress, alone
+    def begin(given: Prepared, cache: FitCache | None) -> Begun:
+        (baseline,) = trials(given.fitter, [((),)], cache=cache)
+        progress.reached(ALIGNED)
+        local = differing(changes(given, baseline.fit, numerical)) if len(corrected) < MOST_MISMATCHES else None
+        if local is not None and corrected and not may_be_corrected(local):
+            local = None  # too wide to be corrected: select effects with the object as corrected so far
+        alone = None
+        if local is not None:
+            applicable = applicable_effects(effects, given.fitter.model.with_declared_effects(()))
+            alone = (
+                screened(given.fitter, baseline.fit, applicable, processes, progress, accuracy) if applicable else {}
             )
-            selection.add_effects()
-            again = given.linearized_at(selection.current.fit) if left else given
-            if again is given:
-                break
-            given, cache = again, None
-        choice = selection.judged()
-        better = local is not None and not corrected and better_than(local, choice)
-        return given, no_physics(baseline, local, numerical) if better else choice
+            if beyond_effects(local, alone) or explains_all(local, given, baseline):
+                return None, lambda: no_physics(baseline, local, numerical)
+        selection = ForwardSelection.of(given.fitter, baseline, effects, processes, accuracy, cache, progress, alone)
+        selection.add_effects()
+
+        def judged() -> Choice:
+            choice = selection.judged()
+            better = local is not None and not corrected and better_than(local, choice)
+            return no_physics(baseline, local, numerical) if better else choice
+
+        return selection.current.fit, judged
 
     while True:
         # Cached fits were made without corrections, so they are of no use after the first correction.
-        prepared, choice = _with_settled_noise(prepared, select, None if corrected else cache)
+        prepared, choice = _settled(prepared, begin, None if corrected else cache)
         local = None
         if widest_mm and len(corrected) < MOST_MISMATCHES:
             local = choice.mismatch or mismatch_beside_effects(prepared, choice, changes)
@@ -226,31 +224,41 @@ def apply_known_physics(
 ) -> Diagnosis:
     """Judge a prepared recording by physics that was found on another one: only the alignment is fitted."""
 
-    def apply(given: Prepared, cache: FitCache | None) -> tuple[Prepared, Choice]:
-        for left in reversed(range(1 + MOST_LINEARIZATIONS)):
-            (baseline,) = trials(given.fitter, [((),)], cache=cache)
-            choice = fit_with_fixed_physics(given.fitter, baseline, physics, same_material)
-            again = given.linearized_at(choice.chosen.fit) if left else given
-            if again is given:
-                break
-            given, cache = again, None
-        return given, choice
+    def begin(given: Prepared, cache: FitCache | None) -> Begun:
+        (baseline,) = trials(given.fitter, [((),)], cache=cache)
+        choice = fit_with_fixed_physics(given.fitter, baseline, physics, same_material)
+        return choice.chosen.fit, lambda: choice
 
-    prepared, choice = _with_settled_noise(prepared, apply, cache)
+    prepared, choice = _settled(prepared, begin, cache)
     found = diagnose(name, prepared, choice)
     return replace(found, content=with_physics_source(found.content, physics))
 
 
-def _with_settled_noise(
-    prepared: Prepared,
-    select: Callable[[Prepared, FitCache | None], tuple[Prepared, Choice]],
-    cache: FitCache | None,
+def _settled(
+    prepared: Prepared, begin: Callable[[Prepared, FitCache | None], Begun], cache: FitCache | None
 ) -> tuple[Prepared, Choice]:
-    """Select effects, and select again if the chosen effects give the noise other correlations.
+    """Select effects, and select again if they change what the preparation of the recording assumed.
 
-    Only recordings that do not determine the noise correlations are repeated. All models are then refitted, so that
-    they are compared by the same likelihood. The cache is for the first choice only.
+    These are the surfaces about which errors of the object are linearized, and the noise correlations of recordings
+    that do not determine them. All models are then refitted, so that they are compared by the same likelihood.
+
+    Parameters
+    ----------
+    begin : callable
+        Begins the selection for a prepared recording.
+    cache : FitCache or None
+        For the first selection only.
     """
+
+    def select(prepared: Prepared, cache: FitCache | None) -> tuple[Prepared, Choice]:
+        fit, judged = begin(prepared, cache)
+        for _ in range(MOST_LINEARIZATIONS):
+            again = prepared if fit is None else prepared.linearized_at(fit)
+            if again is prepared:
+                break
+            prepared, (fit, judged) = again, begin(again, None)
+        return prepared, judged()
+
     prepared, choice = select(prepared, cache)
     again = prepared.with_noise_of(choice.chosen.fit)
     return (prepared, choice) if again is prepared else select(again, None)

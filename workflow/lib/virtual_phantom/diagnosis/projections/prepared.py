@@ -39,7 +39,7 @@ SETTLED = 1.0  # gain in chi-square that ends the refinement
 # Standard deviations of a surface beyond which physics is missing rather than the object wrong. The stated surfaces are
 # then kept.
 MOST_PULL = 3.0
-MOST_LINEARIZATION_ERROR = 8.0  # chi-square that the smallest gain of an effect (forward_selection.LEAST_GAIN) changes
+MOST_LINEARIZATION_ERROR = 8.0  # chi-square of the least gain of an effect (forward_selection.LEAST_GAIN)
 DISPLAY = ResidualMaps(
     unit="line_integral",
     summed=1,
@@ -67,8 +67,8 @@ class PreparedScans(Prepared):
     second_difference : float
         Variance of second differences relative to the variance of a view, for the noise estimate of a single repeat.
     about : callable or None
-        Returns the recording with errors of the object linearized at a fit; None if they are exact, or with local
-        object mismatches.
+        Returns the recording with errors of the object linearized at a fit; None for an exact object, and for a
+        recording that has been changed since.
     """
 
     display: ClassVar[ResidualMaps] = DISPLAY
@@ -181,7 +181,7 @@ class PreparedScans(Prepared):
         now = of_state(state, apart=1).of_second_differences(has_rows(self.data.usable))
         variance = self.variance * self.second_difference / now
         fitter = Fitter(model, data, held_out, _whitened_variance(variance, data, clean), _floor(data))
-        return replace(self, fitter=fitter, variance=variance, second_difference=now)
+        return replace(self, fitter=fitter, variance=variance, second_difference=now, about=None)
 
     def linearized_at(self, fit: Fit) -> PreparedScans:
         """See Prepared.linearized_at."""
