@@ -31,7 +31,9 @@ from .voxel_surfaces import Part, VoxelSurfaces, growth_of, growth_of_parts, lab
 
 DENSITY, SURFACE, HU = "density_of_", "surface_of_", "hu_near_"  # prefixes of names of parameters
 SURFACE_VOXELS = 0.25  # additional SD of surfaces of voxels that have one material or none, or HU, in voxels
-STEP_MM = 0.005  # growth of shapes for derivatives; with 0.05, surfaces converge more slowly
+# Growth of shapes for derivatives; with 0.05, surfaces converge more slowly. Errors of surfaces that move less are not
+# linearized again: chi-square would change by 0.1 (preparation.CONVERGED).
+STEP_MM = 0.005
 MOST_PARTS_WITH_ERRORS = 12  # shapes or parts of labels that have errors of their own; otherwise each material
 # HU at which the error of a phantom in HU is a parameter; linear between them. Soft tissues differ by 20 HU or more.
 NODES_HU = (-1000, -700, -300, -100, -50, 0, 25, 50, 75, 100, 150, 250, 500, 1000, 2000)

@@ -27,7 +27,7 @@ from .first_noise import every, filled, first_noise, has_rows
 from .local_mismatch import FitResidual, Piece, best_piece, object_radius_mm, refined_piece
 from .lost_rays import lost_rays_remark, truncation_of
 from .model import ScansModel
-from .object_errors import SURFACE, ObjectErrors, StatedObject
+from .object_errors import SHARP_EDGES, STEP_MM, SURFACE, ObjectErrors, StatedObject
 from .observed import ObservedScans, Scans, observe, with_noise_of_views
 from .residual_maps import domain_tests, excess_at_edges
 
@@ -185,7 +185,7 @@ class PreparedScans(Prepared):
 
     def linearized_at(self, fit: Fit) -> PreparedScans:
         """See Prepared.linearized_at."""
-        if self.about is None or largest_surface_pull(fit) > MOST_PULL:
+        if self.about is None or self._surfaces_stay(fit) or largest_surface_pull(fit) > MOST_PULL:
             return self
         again = self.about(fit)
         expected = {number.name: number.expected for number in again.fitter.model.base_nuisances}
@@ -193,6 +193,15 @@ class PreparedScans(Prepared):
         change = there.mean - self.fitter.predicted(fit).mean
         error = float((again.fitter.weights[0] * self.data.whitened(change).ravel() ** 2).sum())
         return again if error > MOST_LINEARIZATION_ERROR else self
+
+    def _surfaces_stay(self, fit: Fit) -> bool:
+        """Return whether a fit leaves surfaces and object where errors are linearized, or whether there are none."""
+        if SHARP_EDGES in fit.nuisance:  # it decides whether labels have surfaces
+            return False
+        surfaces, first = [name for name in fit.nuisance if name.startswith(SURFACE)], self.fitter.model.first
+        before = self.fitter.model.nominal.errors.nuisance if first is None else first.nuisance
+        moved = (abs(fit.nuisance[name] - before.get(name, 0.0)) for name in (*surfaces, "x_mm", "y_mm"))
+        return not surfaces or max(moved) < STEP_MM
 
     def caveats(self, fit: Fit) -> list[str]:
         """See Prepared.caveats."""
