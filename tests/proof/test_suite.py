@@ -106,6 +106,20 @@ def test_order_of_cases_contains_no_information(suite):
     assert list(suite) == cases(section(SETTINGS))
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_effects_are_hidden_where_the_object_shows_them(seed):
+    """A disc shows no wrong angle, and an object that is constant along z no displaced row."""
+    found = truths(
+        section(SETTINGS | {"seed": seed, "pairs": 60, "unknown": 28, "simulators": ["xcist", "gvirtualxray"]})
+    )
+    for one in found.values():
+        for effect in one["effects"]:
+            assert not {one["object"], one["description"]} & set(CATALOGUE[effect["name"]].unseen)
+    singles = Counter(one["effects"][0]["name"] for one in found.values() if one["category"] == "single")
+    assert singles["view_blur"] == singles["detector_row_offset"] == 6
+    assert any(one["description"] == DISC for one in found.values() if one["category"] == "single")
+
+
 def test_effects_of_pairs_are_of_different_groups(suite):
     for one in suite.values():
         if one["category"] == "pair":

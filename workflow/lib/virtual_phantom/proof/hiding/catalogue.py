@@ -9,7 +9,18 @@ from __future__ import annotations
 import numpy as np
 
 from ...physics.effect import names
-from .hidden_effect import EQUATIONS, IMAGE, MEAN, MODULE_SHARE, NOISE, READOUT_KEV, HiddenEffect, sign
+from .hidden_effect import (
+    CONSTANT_ALONG_Z,
+    EQUATIONS,
+    IMAGE,
+    MEAN,
+    MODULE_SHARE,
+    NOISE,
+    READOUT_KEV,
+    ROUND,
+    HiddenEffect,
+    sign,
+)
 from .missing_effects import MISSING_EFFECTS
 
 XCIST, GVXR = SIMULATORS = ("xcist", "gvirtualxray")
@@ -159,7 +170,9 @@ CATALOGUE: dict[str, HiddenEffect] = {
     "detector_offset": HiddenEffect(
         ((0.03, 0.05), (0.1, 0.2), (0.4, 0.8)), _same("detector_columns_px", "columns_px", True), MEAN, "place"
     ),
-    "source_distance": HiddenEffect(((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")),
+    "source_distance": HiddenEffect(
+        ((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment"), unseen=ROUND
+    ),
     "motion": HiddenEffect(
         ((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)),
         _velocity("velocity_mm_per_s", (1.0, 1.0, 0.5)),
@@ -179,13 +192,17 @@ CATALOGUE: dict[str, HiddenEffect] = {
         lambda size, _: ({"duty": size, "subviews": 8}, {"duty": size}),
         MEAN,
         "blur",
+        unseen=ROUND,
     ),
     "detector_saturation": HiddenEffect(
         ((0.002, 0.004), (0.01, 0.02), (0.04, 0.08)), _saturation, (*MEAN, "alignment"), "haze"
     ),
     "focal_spot_wobble": HiddenEffect(((0.1, 0.2), (0.4, 0.6), (1.0, 1.5)), _wobble, MEAN),
     "detector_row_offset": HiddenEffect(
-        ((0.5, 0.8), (1.5, 2.5), (5.0, 8.0)), _same("detector_rows_mm", "rows_mm", True), MEAN
+        ((0.5, 0.8), (1.5, 2.5), (5.0, 8.0)),
+        _same("detector_rows_mm", "rows_mm", True),
+        MEAN,
+        unseen=CONSTANT_ALONG_Z,
     ),
     "source_drift": HiddenEffect(
         ((0.1, 0.2), (0.5, 1.0), (2.0, 4.0)),
@@ -193,7 +210,9 @@ CATALOGUE: dict[str, HiddenEffect] = {
         MEAN,
         "drift",
     ),
-    "view_angle_error": HiddenEffect(((0.02, 0.04), (0.1, 0.2), (0.4, 0.8)), _wave("angle_wave_deg"), MEAN),
+    "view_angle_error": HiddenEffect(
+        ((0.02, 0.04), (0.1, 0.2), (0.4, 0.8)), _wave("angle_wave_deg"), MEAN, unseen=ROUND
+    ),
 } | MISSING_EFFECTS
 
 SIMULATED, OTHER, OWN = EQUATIONS

@@ -7,12 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .objects import BENCH, DISC
+
 READOUT_KEV = 60.0  # converts a dark signal from photons to readout units: the simulators read energy, in keV
 MODULE_SHARE = 0.5  # of the variance of gains that is common to the columns of a detector module
 STRENGTHS = ("weak", "medium", "strong")
 MEAN = ("projections", "columns", "views", "rows", "path length", "edges")
 NOISE = ("noise variance", "noise level")
 IMAGE = ("image", "slices", "distance from the axis", "tissue", "edges")
+
+# Objects that cannot show an effect. A homogeneous disc looks the same from all sides: at a wrong viewing angle, it is
+# displaced by 0.02 mm per degree and mm of its distance from the axis. A wrong magnification is a wrong radius of it.
+ROUND, CONSTANT_ALONG_Z = (DISC,), (BENCH,)
 
 # Origins of the equation that makes a hidden effect, {name: description}
 EQUATIONS = {
@@ -38,6 +44,8 @@ class HiddenEffect:
     alike : str
         Group of effects that change the readings in nearly the same way; empty: none. A pair never has two effects of
         one group.
+    unseen : tuple of str
+        Kinds and descriptions of objects whose scans the effect does not change, apart from errors of the object.
     known : bool
         Whether the library has an effect of this name.
     of_images : bool
@@ -52,6 +60,7 @@ class HiddenEffect:
     make: Callable[[float, np.random.Generator], tuple[dict, dict]]
     where: tuple[str, ...]
     alike: str = ""
+    unseen: tuple[str, ...] = ()
     known: bool = True
     of_images: bool = False
     right: str = ""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .hidden_effect import MEAN, NOISE, HiddenEffect, sign
+from .hidden_effect import MEAN, NOISE, ROUND, HiddenEffect, sign
 
 # Verdicts are part of the sealed truths: another text changes the published hashes.
 LEFT = "something outside of the library is left"
@@ -71,11 +71,12 @@ def _insert(size, random):
     return {"insert_hu": size * sign(random), "insert": float(random.uniform(0, 1))}
 
 
-def _kind(strengths, make, where, right=LEFT, equals=()):
+def _kind(strengths, make, where, right=LEFT, equals=(), unseen=()):
     return HiddenEffect(
         strengths,
         lambda size, random: (make(size, random), {}),
         where,
+        unseen=unseen,
         known=False,
         right=right,
         equals=equals,
@@ -84,8 +85,10 @@ def _kind(strengths, make, where, right=LEFT, equals=()):
 
 MISSING_EFFECTS: dict[str, HiddenEffect] = {
     "periodic_motion": _kind(((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _breathing, MEAN),
-    "swinging_object": _kind(((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _swing, MEAN),
-    "timing_jitter": _kind(((0.05, 0.1), (0.2, 0.4), (0.8, 1.5)), _seeded("jitter_deg", "jitter_seed"), MEAN),
+    "swinging_object": _kind(((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _swing, MEAN, unseen=ROUND),
+    "timing_jitter": _kind(
+        ((0.05, 0.1), (0.2, 0.4), (0.8, 1.5)), _seeded("jitter_deg", "jitter_seed"), MEAN, unseen=ROUND
+    ),
     "displaced_tile": _kind(((0.05, 0.1), (0.2, 0.4), (0.6, 1.0)), _tile, MEAN),
     "refraction": _kind(((0.005, 0.01), (0.02, 0.04), (0.06, 0.1)), lambda size, _: {"refraction": size}, MEAN),
     "dim_views": _kind(((0.002, 0.004), (0.01, 0.02), (0.05, 0.1)), _dim, MEAN),

@@ -56,6 +56,10 @@ class World:
         """Return the world of a truth."""
         return cls(**{field.name: truth[field.name] for field in fields(cls)})
 
+    def shows(self, effect: str | None) -> bool:
+        """Return whether the scan depends on an effect; True for effects that are drawn later."""
+        return effect is None or not {self.object, self.description} & set(CATALOGUE[effect].unseen)
+
     def stated(self, seed: int) -> ScannedObject:
         """Return the stated object."""
         random = generator(branch(seed, 1, self.number, OBJECT))
@@ -170,11 +174,27 @@ def _planned(settings: ProofSettings) -> dict[str, tuple[int, str, Planned]]:
 
 
 def _ordered(settings: ProofSettings) -> list[tuple[str, Planned]]:
-    """Return kind and plan of all cases, in an order drawn from the seed."""
+    """Return kind and plan of all cases, in an order drawn from the seed.
+
+    A case whose object cannot show its effect changes its place with the next one for which both can.
+    """
     plan = []
     for kind, purpose, part in ((PROJECTIONS, 0, _plan(settings)), (IMAGES, 2, _plan_of_images(settings))):
         order = generator(branch(settings.seed, purpose)).permutation(len(part))
         plan += [(kind, part[index]) for index in order]
+
+    def shown(number: int, at: int) -> bool:
+        """Return whether the case at a place shows its effect at another place."""
+        kind, planned = plan[at]
+        return _world(number, kind, planned).shows(planned.effect)
+
+    for here in range(len(plan)):
+        if shown(here, here):
+            continue
+        for there in (*range(here + 1, len(plan)), *range(here)):
+            if plan[here][0] == plan[there][0] and shown(here, there) and shown(there, here):
+                plan[here], plan[there] = plan[there], plan[here]
+                break
     return plan
 
 
@@ -274,7 +294,7 @@ def _truth(case: str, world: World, planned: Planned, settings: ProofSettings) -
     random = generator(branch(seed, 1, world.number, TRUTH))
     names = [] if planned.effect is None else [planned.effect]
     if category == "pair":
-        names = _pair(random, world.simulator) if planned.effect is None else [KERNEL, planned.effect]
+        names = _pair(random, world) if planned.effect is None else [KERNEL, planned.effect]
     drawn = []
     for name in names:
         # Pairs and unknown effects are not weak, since undetectable effects cannot be distinguished. The kernel of a
@@ -321,9 +341,9 @@ def _truth(case: str, world: World, planned: Planned, settings: ProofSettings) -
     }
 
 
-def _pair(random: np.random.Generator, simulator: str) -> list[str]:
-    """Draw two effects of different groups, in the order of the catalogue."""
-    known = [name for name in KNOWN if simulated_by(name, simulator)]
+def _pair(random: np.random.Generator, world: World) -> list[str]:
+    """Draw two effects of different groups that the scan shows, in the order of the catalogue."""
+    known = [name for name in KNOWN if simulated_by(name, world.simulator) and world.shows(name)]
     while True:
         first, second = sorted(random.choice(len(known), 2, replace=False))
         groups = [CATALOGUE[known[index]].alike for index in (first, second)]
