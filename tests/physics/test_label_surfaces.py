@@ -63,6 +63,14 @@ def test_partial_volumes_at_corners_are_better_than_labels(contours):
     assert found.sum() == pytest.approx(exact.sum(), rel=0.02)
 
 
+def test_walls_of_two_voxels_keep_both_surfaces():
+    inner, outer = disc(20.3, 0.1, 0.2), disc(22.4, 0.1, 0.2)
+    labels, exact = (section(lambda y, x: outer(y, x) & ~inner(y, x), 60, fine) for fine in (1, FINE))
+    found = partial_volumes(labels, True)
+    assert np.square(found - exact).sum() < 0.2 * np.square(labels - exact).sum()
+    assert found.sum() == pytest.approx(exact.sum(), rel=0.02)
+
+
 def test_objects_that_reach_the_border_and_empty_labels_stay():
     labels = np.zeros((2, 30, 30), np.float32)
     assert not partial_volumes(labels, True).any()

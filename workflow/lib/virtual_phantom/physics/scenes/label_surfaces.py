@@ -67,53 +67,54 @@ def partial_volumes(share: np.ndarray, contours: bool) -> np.ndarray:
     if contours:
         # The distance from an inclined surface is this share of the distance within the section.
         inclined = np.divide(np.hypot(slopes[1], slopes[2]), slope, out=np.ones_like(slope), where=there)
-        curves: list[tuple[np.ndarray, np.ndarray]] = []
         for number, section in enumerate(inside):
             if not number or (section != inside[number - 1]).any():
-                curves = _distances(section)
-            for voxels, along in curves:
-                distance[number, *voxels] = inclined[number, *voxels] * along
-                there[number, *voxels] = True
+                along = _distances(section)
+                near = np.isfinite(along)
+            distance[number, near] = inclined[number, near] * along[near]
+            there[number] |= near
     part[there] = np.clip(0.5 + distance[there], 0, 1)
     return found
 
 
-def _distances(section: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the voxels near each contour of a section that a curve describes, and their distances from it.
+def _distances(section: np.ndarray) -> np.ndarray:
+    """Return the distances of voxels from the nearest contour that a curve describes, positive inside, voxels.
 
-    Returns
-    -------
-    list of tuple
-        Indices (2, voxels), and distances, voxels, positive inside.
+    They are infinite far from such contours. Contours that end at the border have no curve.
     """
     from skimage.measure import find_contours  # slow import
 
-    found = []
+    found, shape = np.full(section.shape, np.inf), np.array(section.shape)
     for contour in find_contours(section.astype(float), 0.5):
-        points, shape = contour[:-1], np.array(section.shape)
-        if (contour[0] != contour[-1]).any():  # it ends at the border
+        points = contour[:-1]
+        if (contour[0] != contour[-1]).any():
             continue
         low = np.maximum(np.floor(points.min(axis=0)).astype(int) - NEAR, 0)
         high = np.minimum(np.ceil(points.max(axis=0)).astype(int) + NEAR + 1, shape)
         touched = np.zeros(high - low, bool)
-        touched[tuple(np.clip(np.round(points).astype(int), 0, shape - 1).T - low[:, None])] = True
-        voxels = np.argwhere(ndimage.binary_dilation(touched, iterations=NEAR)) + low
-        distance = _curve_of(points, voxels, section[tuple(voxels.T)])
-        if distance is not None:
-            found.append((voxels.T, distance))
+        touched[tuple(np.round(points).astype(int).T - low[:, None])] = True
+        next_to = np.argwhere(ndimage.binary_dilation(touched)) + low
+        curve = _curve_of(points, next_to, section[tuple(next_to.T)])
+        if curve is not None:
+            voxels = np.argwhere(ndimage.binary_dilation(touched, iterations=NEAR)) + low
+            at, distance = tuple(voxels.T), curve.distance(voxels)
+            found[at] = np.where(abs(distance) < abs(found[at]), distance, found[at])
     return found
 
 
 @dataclass(frozen=True)
 class _Curve:
-    """A closed curve, as points and their normals, shape (points, 2)."""
+    """A closed curve, as points and their normals toward the inside, shape (points, 2)."""
 
     points: np.ndarray
     normals: np.ndarray
 
     @classmethod
     def of(cls, points: np.ndarray, length: np.ndarray, harmonics: int) -> _Curve:
-        """Return the curve of a number of harmonics that fits points at lengths along it, from 0 to 1."""
+        """Return the curve of a number of harmonics that fits points at lengths along it, from 0 to 1.
+
+        Contours by scikit-image have the higher values, thus the inside, on one side.
+        """
         coefficients = np.linalg.lstsq(_waves(length, harmonics), points, rcond=None)[0]
         places = _waves(np.arange(POINTS * len(points)) / (POINTS * len(points)), harmonics) @ coefficients
         along = np.roll(places, -1, axis=0) - np.roll(places, 1, axis=0)
@@ -121,7 +122,7 @@ class _Curve:
         return cls(places, normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
     def distance(self, voxels: np.ndarray) -> np.ndarray:
-        """Return the distance of voxels (voxels, 2) along the normal of the nearest point."""
+        """Return the distance of voxels (voxels, 2) along the normal of the nearest point, positive inside."""
         _, nearest = cKDTree(self.points).query(voxels)
         return ((voxels - self.points[nearest]) * self.normals[nearest]).sum(axis=1)
 
@@ -132,14 +133,15 @@ def _waves(length: np.ndarray, harmonics: int) -> np.ndarray:
     return np.hstack([np.ones((len(length), 1)), np.cos(phase), np.sin(phase)])
 
 
-def _curve_of(points: np.ndarray, voxels: np.ndarray, inside: np.ndarray) -> np.ndarray | None:
-    """Return the distance of voxels from the curve of the fewest harmonics that agrees with them; None: there is none.
+def _curve_of(points: np.ndarray, voxels: np.ndarray, inside: np.ndarray) -> _Curve | None:
+    """Return the curve of the fewest harmonics that agrees with voxels; None if there is none.
 
     Parameters
     ----------
     points : ndarray, shape (points, 2)
         Contour along the borders of voxels.
     voxels : ndarray, shape (voxels, 2)
+        Next to the contour.
     inside : ndarray of bool, shape (voxels,)
         Whether a voxel belongs to the material.
     """
@@ -149,8 +151,8 @@ def _curve_of(points: np.ndarray, voxels: np.ndarray, inside: np.ndarray) -> np.
     for harmonics in HARMONICS:
         if harmonics > MOST_HARMONICS * len(points):
             break
-        distance = _Curve.of(points, length, harmonics).distance(voxels)
-        distance *= np.sign(np.median(distance[inside]))
+        curve = _Curve.of(points, length, harmonics)
+        distance = curve.distance(voxels)
         if np.where(inside, -distance, distance).max() <= MOST_CONTRADICTION:
-            return distance
+            return curve
     return None
