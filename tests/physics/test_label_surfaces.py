@@ -31,7 +31,7 @@ def test_chords_of_a_disc_are_exact_to_a_fifth_of_a_voxel(radius, center):
     labels, exact = (section(disc(radius, *center), side, fine) for fine in (1, FINE))
     chord, found = exact.sum(axis=1)[0], partial_volumes(labels, True).sum(axis=1)[0]
     assert np.std((found - chord)[chord > radius]) < 0.2
-    assert found.sum() == pytest.approx(chord.sum(), abs=0.15 * 2 * np.pi * radius)
+    assert found.sum() == pytest.approx(chord.sum(), abs=0.25 * 2 * np.pi * radius)
 
 
 def test_a_curve_is_better_than_smoothing_where_a_surface_is_parallel_to_the_grid():

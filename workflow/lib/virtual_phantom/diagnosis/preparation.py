@@ -117,10 +117,12 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
             break
     times = "; ".join(filter(None, (scale_note(recording.scan), view_time_note(recording.scan))))
     remark = binary_voxels_remark(request, scene)
+    # A single ray per pixel is not divided at edges, so that surfaces change line integrals in steps.
+    movable = uncertain is not None and samples > 1
 
     def about(first: Fit | None) -> PreparedScans:
         found = ready(known, first)
-        return replace(found, time_remark=times, voxels=remark, about=None if uncertain is None else about)
+        return replace(found, time_remark=times, voxels=remark, about=about if movable else None)
 
     return about(first)
 
