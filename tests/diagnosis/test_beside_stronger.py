@@ -58,7 +58,7 @@ def test_neither_of_two_similar_effects_is_named_within_model_error():
 
 
 def test_errors_of_effects_that_move_rays_may_look_like_another_such_effect():
-    """In four scans of the blind validation, an effect of 0.01 % of the gain of a true one was named beside it."""
+    """In four scans of the blind validation, an effect with 0.01 % of the gain of a true one was named, too."""
     assert screening.differs_in_kind("motion", ["dark_signal"])
     assert not screening.differs_in_kind("motion", ["dark_signal", "centre_of_rotation"])
 

@@ -106,7 +106,7 @@ class Edges:
             "sharp": sharp,
             "blurred": blurred,
             "variance": scene.variance(shares),
-            # Its difference from the stated scene shows how far errors of edges extend.
+            # Its difference from the stated scene shows the extent of errors of edges.
             "rough": rough.attenuation(parts) if binary else sharp if divided else blurred,
         }
         # Errors of voxels along a ray are independent, so their variances add with squared path lengths.
@@ -266,8 +266,12 @@ class StatedObject:
             return True
         if isinstance(self.scene, ShapesScene):
             return any(shape.material == NOTHING for shape in self.scene.shapes)
-        binary = isinstance(self.scene, GridScene) and self.scene.is_binary
-        return binary and any(part.material == NOTHING for part in self._parts.values())
+        return self._of_binary_voxels and any(part.material == NOTHING for part in self._parts.values())
+
+    @property
+    def _of_binary_voxels(self) -> bool:
+        """Whether each voxel has one material or none, which does not show where edges are."""
+        return self.phantom is None and isinstance(self.scene, GridScene) and self.scene.is_binary
 
     @cached_property
     def _parts(self) -> dict[str, Part]:
@@ -278,7 +282,7 @@ class StatedObject:
     def _surface_mm(self) -> float:
         """Standard deviation of the location of surfaces, mm."""
         surface_mm = self.uncertainty.surface_mm
-        if self.phantom is not None or (isinstance(self.scene, GridScene) and self.scene.is_binary):
+        if self.phantom is not None or self._of_binary_voxels:
             surface_mm = float(np.hypot(surface_mm, SURFACE_VOXELS * self.scene.grid.spacing[2]))
         return surface_mm
 
@@ -303,14 +307,14 @@ class StatedObject:
         scene = self.scene
         if self.phantom is not None:
             return scene
-        if scene.is_binary:
+        if self._of_binary_voxels:
             return scene.with_partial_volumes()
         return scene.with_amounts(np.pad(scene.amounts, ((0, 0), (0, 0), (1, 1), (1, 1))))
 
     @cached_property
     def _rough(self) -> GridScene:
         """As _best, with surfaces of labels from smoothed voxels alone."""
-        return self.scene.with_partial_volumes(contours=False) if self.scene.is_binary else self._best
+        return self.scene.with_partial_volumes(contours=False) if self._of_binary_voxels else self._best
 
     @cached_property
     def _of_volumes(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
@@ -326,7 +330,7 @@ class StatedObject:
         """
         if not about:
             return self.scene
-        if isinstance(self.scene, GridScene) and self.scene.is_binary:
+        if self._of_binary_voxels:
             has_surfaces = EDGE_BLUR in about and SHARP_EDGES not in about
             fits_better = about.get(SHARP_EDGES, 0.0) > EDGES[SHARP_EDGES][2]
             return self._best if has_surfaces or fits_better else self.scene

@@ -161,8 +161,8 @@ class ForwardSelection:
         processes, cache
             As for `trials`.
         accuracy : mapping of str to float, optional
-            Relative error of the models, {effect: share of its own change of the data}, with `default` for other
-            effects and `numerical` for discretization corrections. A gain that such errors may cause is neither
+            Relative error of the models, {effect: share of the change that it makes in the data}, with `default` for
+            other effects and `numerical` for discretization corrections. A gain that such errors may cause is neither
             evidence for another effect nor against an alternative. None: defaults of the configuration.
         alone : mapping of str to Screened, optional
             Matched filters of the candidates for the fit without effects, if they are known.
