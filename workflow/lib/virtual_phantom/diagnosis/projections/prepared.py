@@ -67,8 +67,8 @@ class PreparedScans(Prepared):
     second_difference : float
         Variance of second differences relative to the variance of a view, for the noise estimate of a single repeat.
     about : callable or None
-        Returns the recording with errors of the object linearized at a fit; None for an exact object, for one ray per
-        pixel, and for a recording that has been changed since.
+        Returns the recording with errors of the object linearized at a fit. It is None for an exact object, for one
+        ray per pixel, and for a recording that was changed.
     """
 
     display: ClassVar[ResidualMaps] = DISPLAY
