@@ -8,7 +8,6 @@ import numpy as np
 from scipy import stats
 
 from ...physics.effect import load
-from ..noise import gain_pattern
 from .fit import Fit, Fitter
 from .joint_fit import JointFit
 
@@ -49,9 +48,9 @@ def trial(
 def effect_p_value(fit: Fit | JointFit, without: Fit | JointFit, effect: str) -> float:
     """Return an effect's p-value from the likelihood ratio of fits with and without it (see Fitter.comparable).
 
-    The p-value of a gain pattern comes from its size.
+    A gain pattern has a p-value of its own (Pattern.p).
     """
     if load(effect).pattern:
-        return gain_pattern.pattern_p_value(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
+        return fit.pattern.p
     lost = max(0.0, without.chi_square - fit.chi_square)
     return float(stats.chi2.sf(lost, max(1, fit.free - without.free)))

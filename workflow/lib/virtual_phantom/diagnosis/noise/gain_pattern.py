@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, stats
+from scipy import ndimage, optimize, stats
 
 from .whitening import Whitening
 
@@ -41,6 +41,8 @@ class Pattern:
         Whether the smooth part of the mean residual belongs to the pattern.
     rms, error : float
         Standard deviation of the true constants, and its standard error.
+    p : float
+        P-value of a likelihood ratio against no constants.
     """
 
     values: np.ndarray
@@ -49,6 +51,7 @@ class Pattern:
     smooth: bool
     rms: float
     error: float
+    p: float = 1.0
 
     def constants(self, residual: np.ndarray, weight: np.ndarray, sums: Sums = over_views) -> np.ndarray:
         """Return the estimates for another whitened residual, a linear function; arguments as `estimate`."""
@@ -68,14 +71,6 @@ class Pattern:
         return mean if self.smooth else _without_smooth(mean, total > 0)[0]
 
 
-def pattern_p_value(rms: float, error: float) -> float:
-    """Return the p-value of a pattern's rms, by its standard error.
-
-    A likelihood ratio has no known distribution here: a pattern has as many constants as there are pixels.
-    """
-    return float(stats.norm.sf(rms / error)) if rms else 1.0
-
-
 def estimate(
     residual: np.ndarray,
     weight: np.ndarray,
@@ -85,9 +80,9 @@ def estimate(
 ) -> Pattern:
     """Estimate the pattern in residuals with weights 1 / variance, shape (views, rows, columns).
 
-    The constants are modeled as independent normal values, whose variance is the mean square of their rough part less
-    noise. A smooth part that is larger than expected of such values is other physics (the shadow of a disc is
-    equal in all views), and not part of the pattern.
+    The constants are modeled as independent normal values, whose variance is the most likely one for their rough part
+    and the noise of each. A smooth part that is larger than expected of such values is other physics (the shadow of a
+    disc is equal in all views), and not part of the pattern.
 
     Parameters
     ----------
@@ -102,11 +97,12 @@ def estimate(
     if not good.any():
         return Pattern(mean, noise, np.zeros_like(noise), smooth, 0.0, 0.0)
     rough, left = _without_smooth(mean, good)
-    square = rough[good] ** 2 / left
-    excess = float((square - noise[good]).mean())
-    rms = float(np.sqrt(max(0.0, excess)))
-    typical = float(square.mean())
-    error = typical * np.sqrt(2 / good.sum()) / (2 * max(rms, np.sqrt(typical / np.sqrt(good.sum()))))
+    square, rough_noise = rough[good] ** 2 / left, _noise_without_smooth(noise, good)[good] / left
+    variance, ratio = _variance(square, rough_noise)
+    rms = float(np.sqrt(variance))
+    of_variance = float(np.sqrt(2 / ((variance + rough_noise) ** -2).sum()))
+    error = of_variance / (2 * max(rms, np.sqrt(of_variance / np.sqrt(2))))
+    p = float(stats.norm.sf(np.sqrt(ratio))) if rms else 1.0
     share = np.where(good, rms**2 / np.maximum(rms**2 + noise, 1e-300), 0) if rms else np.zeros_like(noise)
     expected = (1 - left) * float((rms**2 + noise[good]).mean())
     smooth = smooth or float(((mean - rough)[good] ** 2).mean()) <= SMOOTH_FACTOR * expected
@@ -114,7 +110,24 @@ def estimate(
     if whitening is not None:  # which makes white constants of pixels rougher
         values, larger = whitening.pixels(values), whitening.roughness(_widths(mean.shape))
         rms, error = rms / larger, error / larger
-    return Pattern(values, share * noise, share, smooth, rms, float(error))
+    return Pattern(values, share * noise, share, smooth, rms, float(error), p)
+
+
+def _variance(square: np.ndarray, noise: np.ndarray) -> tuple[float, float]:
+    """Return the most likely variance v of constants with squares of mean v + noise, and its log likelihood ratio.
+
+    The ratio is twice the log likelihood above that of no constants. Pixels with little noise count most.
+    """
+
+    def loss(variance: float) -> float:
+        return float((np.log1p(variance / noise) + square / (variance + noise)).sum())
+
+    most = float(square.max())
+    if not most:
+        return 0.0, 0.0
+    found = optimize.minimize_scalar(lambda root: loss(root**2), bounds=(0.0, np.sqrt(most)), method="bounded")
+    ratio = loss(0.0) - float(found.fun)
+    return (float(found.x) ** 2, ratio) if ratio > 0 else (0.0, 0.0)
 
 
 def _mean(residual: np.ndarray, weight: np.ndarray, sums: Sums) -> tuple[np.ndarray, np.ndarray]:
@@ -131,14 +144,33 @@ def _widths(shape: tuple[int, ...]) -> list[float]:
 
 def _without_smooth(mean: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the rough part, and the share of a white pattern's variance that it keeps."""
-    sigma = _widths(mean.shape)
+    rough = np.where(good, mean - _smoothed(np.where(good, mean, 0)) / _cover(good), 0)
+    return rough, float(((_impulse(good) - _smoothed(_impulse(good))) ** 2).sum())
 
-    def smooth(array):
-        return ndimage.gaussian_filter(array.astype(float), sigma, mode="constant")
 
-    cover = np.maximum(smooth(good), 1e-12)
-    rough = np.where(good, mean - smooth(np.where(good, mean, 0)) / cover, 0)
-    impulse = np.zeros([8 * int(SMOOTH_PX) + 1 if s else 1 for s in sigma])
-    impulse[tuple(n // 2 for n in impulse.shape)] = 1
-    left = impulse - ndimage.gaussian_filter(impulse, sigma, mode="constant")
-    return rough, float((left**2).sum())
+def _noise_without_smooth(noise: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Return the variance of the rough part of independent values with variances `noise`."""
+    middle = float(_smoothed(_impulse(good)).max())
+    squared = _smoothed(np.where(good, noise, 0), squared=True)
+    cover = _cover(good)
+    return noise * (1 - 2 * middle / cover) + squared / cover**2
+
+
+def _cover(good: np.ndarray) -> np.ndarray:
+    return np.maximum(_smoothed(good), 1e-12)
+
+
+def _smoothed(array: np.ndarray, squared: bool = False) -> np.ndarray:
+    """Convolve with a Gaussian, or with its square."""
+    found = array.astype(float)
+    for axis, width in enumerate(_widths(array.shape)):
+        if width:
+            kernel = ndimage.gaussian_filter1d(np.eye(1, 8 * int(width) + 1, 4 * int(width))[0], width, mode="constant")
+            found = ndimage.convolve1d(found, kernel**2 if squared else kernel, axis, mode="constant")
+    return found
+
+
+def _impulse(like: np.ndarray) -> np.ndarray:
+    found = np.zeros([8 * int(width) + 1 if width else 1 for width in _widths(like.shape)])
+    found[tuple(n // 2 for n in found.shape)] = 1
+    return found

@@ -15,7 +15,6 @@ from ...physics.effect import Parameter, load
 from ..fitting.fit import Fit, Fitter
 from ..fitting.problem import Problem
 from ..fitting.templates import SMALL, data_changes, projected, strength, templates, varied, with_priors
-from ..noise.gain_pattern import pattern_p_value
 from ..uncertainty.model_error import distortions_of_physics
 from .processes import run_parallel
 from .progress import RANKED, DiagnosisProgress
@@ -187,7 +186,7 @@ def _pattern(fitter: Fitter, residual: np.ndarray) -> Screened:
     mean, weight = (values.reshape(data.mean.shape) for values in (residual, fitter.weights[0]))
     pattern = data.pattern(mean, weight)
     gain = float((weight * mean * data.whitened(data.pattern_field(pattern.values))).sum())  # priors included
-    return Screened(pattern_p_value(pattern.rms, pattern.error), gain)
+    return Screened(pattern.p, gain)
 
 
 def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: Remainder) -> Screened:
