@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.physics.scenes.label_surfaces import partial_volumes
+from virtual_phantom.physics.scenes.label_surfaces import UNKNOWN, distances, partial_volumes
 from virtual_phantom.physics.scenes.scene import VoxelScene
 
 FINE = 16  # parts of a voxel along each side
@@ -32,6 +32,27 @@ def test_chords_of_a_disc_are_exact_to_a_fifth_of_a_voxel(radius, center):
     chord, found = exact.sum(axis=1)[0], partial_volumes(labels, True).sum(axis=1)[0]
     assert np.std((found - chord)[chord > radius]) < 0.2
     assert found.sum() == pytest.approx(chord.sum(), abs=0.25 * 2 * np.pi * radius)
+
+
+@pytest.mark.parametrize("waves", [{}, {2: 0.15}, {3: 0.08, 5: 0.04}])
+@pytest.mark.parametrize("radius", [6.0, 12.0, 25.0, 60.0])
+def test_the_unknown_part_is_the_error_of_chords(radius, waves):
+    """UNKNOWN belongs to a standard deviation of 0.33 voxels of the two edges of a ray."""
+    errors, expected, random = [], [], np.random.default_rng(6)
+    for _ in range(16 if radius < 20 else 4):
+        y, x, turn = random.uniform(-0.5, 0.5, 3)
+
+        def wavy(v, u, y=y, x=x, turn=turn):
+            angle = np.arctan2(v - y, u - x) + turn
+            return np.hypot(v - y, u - x) < radius * (1 + sum(a * np.cos(k * angle) for k, a in waves.items()))
+
+        labels, exact = (section(wavy, int(2.7 * radius) + 14, fine) for fine in (1, FINE))
+        distance, unknown = distances(labels, True)
+        chord = exact.sum(axis=1)[0]
+        error = np.clip(0.5 + distance, 0, 1).sum(axis=1)[0] - chord
+        errors.append(error[(chord > 2) & (abs(np.gradient(chord)) < 3)])
+        expected.append(0.33**2 * unknown.min() / UNKNOWN)
+    assert 0.4 < np.mean(np.concatenate(errors) ** 2) / np.mean(expected) < 1.3
 
 
 def test_a_curve_is_better_than_smoothing_where_a_surface_is_parallel_to_the_grid():

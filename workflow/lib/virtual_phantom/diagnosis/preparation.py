@@ -12,7 +12,6 @@ from ..base.errors import InputError
 from ..base.streams import Branch
 from ..physics.chain import EVEN, Chain
 from ..physics.scenes.sampling import FEW_POINTS
-from ..physics.scenes.shapes import ShapesScene
 from ..physics.state import AIR
 from ..recordings.reading import load_recording
 from ..recordings.recording import Recording
@@ -37,10 +36,10 @@ from .workload import samples_and_step
 
 # Rays at edges are not linear in the position and the surfaces of the object. Their changes are therefore computed
 # again where a fit without effects puts it, until chi-square changes by less than CONVERGED. The error of chi-square
-# grows with the cube of the displacement: 244 at 0.06 mm, with 4 x 10^5 photons in columns of 1.7 mm. Voxels do not
-# show surfaces as precisely.
+# grows with the cube of the displacement: 244 at 0.06 mm, with 4 x 10^5 photons in columns of 1.7 mm. Voxels of shares
+# or HU do not show surfaces as precisely as shapes and labels.
 CONVERGED = 1.0
-OF_SHAPES, OF_VOXELS = 8, 2  # most fits
+PRECISE, OTHERS = 8, 2  # most fits
 FIXED = 1e-7  # standard deviation of a size that is not fitted
 
 
@@ -104,8 +103,10 @@ def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal
         model, floor = model_and_floor(fitted, recording.geometry, samples, **detector)
         return settled(model, floor_chain=floor, known=known, first=first)
 
-    first, most = None, OF_SHAPES if isinstance(scene, ShapesScene) else OF_VOXELS
-    for _ in range(most if uncertain is not None and uncertain.has_surfaces else 0):
+    first, most = None, 0
+    if uncertain is not None and uncertain.has_surfaces:
+        most = PRECISE if uncertain.has_precise_surfaces else OTHERS
+    for _ in range(most):
         # A free size would take the place of surfaces while these are linear.
         fit = ready(known | {"size": FIXED}, first).fitter.fit(())
         before = np.inf if first is None else first.chi_square

@@ -20,6 +20,7 @@ from ...base.pose import IN_PLACE, Pose
 from ...base.units import HU_AIR
 from ...io.volumes import Volume, read_nifti
 from ...physics.beam.materials import Material
+from ...physics.scenes.interfaces import sharpened
 from ...physics.scenes.sampling import average_rays, supersampled
 from ...physics.scenes.scene import GridScene, Scene, VoxelScene
 from ...physics.scenes.shapes import NOTHING, Shape, ShapesScene
@@ -27,7 +28,7 @@ from ..fitting.nuisance import Nuisance
 from ..noise.condensed import Observed
 from ..request import DiagnosisRequest
 from ..settings import ObjectUncertainty
-from .voxel_surfaces import Part, VoxelSurfaces, growth_of, growth_of_parts, labelled_parts
+from .voxel_surfaces import LabelSurfaces, Part, VoxelSurfaces, growth_of, growth_of_parts, labelled_parts, own_surfaces
 
 DENSITY, SURFACE, HU = "density_of_", "surface_of_", "hu_near_"  # prefixes of names of parameters
 SURFACE_VOXELS = 0.25  # additional SD of surfaces of voxels that have one material or none, or HU, in voxels
@@ -48,18 +49,23 @@ EDGES = {
     SHARP_EDGES: ("fitted", "sharp", 0.5, 0.5),
     FINER_EDGES: ("fitted", "sharp", 1.0, 0.5),
 }
-PARTS_PER_PIXEL, MOST_PARTS, ROUNDING = 3, 4, 1e-6  # parts of voxels, a third of a pixel wide at the isocenter
+# Parts of voxels, a third of a pixel wide at the isocenter; half as wide for labels that are constant along z, where
+# this costs little. In a bench object with voxels of a third of a pixel, line integrals are then wrong by 0.0008 (RMS),
+# else by 0.0015.
+PARTS_PER_PIXEL, PARTS_PER_PIXEL_OF_PRISMS = 3, 6
+MOST_PARTS, ROUNDING = 4, 1e-6
 MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
-# Variance of the attenuation in a voxel that remains unknown, relative to its mixture (GridScene.variance).
-# - of labels: the mixture assumes an edge at a uniformly distributed position. With half of this variance, the two
-#   edges of a ray have an SD of 0.33 voxels; where no curve fits, they have 0.25 (scenes.label_surfaces).
-# - of shares: the position follows from the share and its gradient. Measured for random bodies: 0.011 to 0.019 (seed
-#   102); with 1/60, scatter stood out in two of five scans with voxels of half a pixel.
-UNKNOWN_OF_LABELS, UNKNOWN_OF_SHARES = 0.5, 1 / 30
+# Variance of the attenuation in a voxel of shares or HU that remains unknown, relative to GridScene.variance (of labels:
+# label_surfaces.UNKNOWN). The position of an edge follows from the share and its gradient. Measured for random bodies:
+# 0.011 to 0.019 (seed 102); with 1/60, scatter stood out in two of five scans with voxels of half a pixel.
+UNKNOWN_OF_SHARES = 1 / 30
 # Error of the change of line integrals by surfaces of voxels, relative to the change and to the size of a voxel in
 # pixels. Measured for discs of 60 and 100 mm with voxels of 0.4 to 0.7 pixels that grow by -0.3 to 0.2 mm: 0.12 to
 # 0.30. The volume of the grown disc has 0.13 to 0.26.
 SURFACES_LEFT = 0.25
+# The same for labels, whose surfaces move exactly: 0.02 to 0.16 for discs with radii of 8 to 70 voxels that grow by
+# -0.6 to 0.6 voxels (seed 8), the least for large changes.
+SURFACES_LEFT_OF_LABELS = 0.1
 OPAQUE = 50.0  # largest line integral whose transmission is computed: single precision ends at 87
 EDGE_SHARE = 0.01  # of the largest variance by unknown edges, above which correlations of rays are estimated
 LEAST_CORRELATION = 0.1  # up to this correlation, neighbors vary together
@@ -105,12 +111,12 @@ class Edges:
             "fitted": fitted.attenuation(),
             "sharp": sharp,
             "blurred": blurred,
-            "variance": scene.variance(shares),
+            "variance": unknown_variance(scene, best) if binary else scene.variance(shares),
             # Its difference from the stated scene shows the extent of errors of edges.
             "rough": rough.attenuation(parts) if binary else sharp if divided else blurred,
         }
         # Errors of voxels along a ray are independent, so their variances add with squared path lengths.
-        self._unknown = scene.grid.spacing[2] * (UNKNOWN_OF_LABELS if binary else UNKNOWN_OF_SHARES)
+        self._unknown = scene.grid.spacing[2] * (1.0 if binary else UNKNOWN_OF_SHARES)
 
     def at(self, pose: Pose) -> dict[str, np.ndarray]:
         """Return the changes of EDGES, shape (views, rows, columns)."""
@@ -136,6 +142,14 @@ class Edges:
 
     def _lines(self, name: str, pose: Pose) -> np.ndarray:
         return _lengths(self._scenes[name], self._geometry, self._samples, pose)[0]
+
+
+def unknown_variance(labels: GridScene, best: GridScene) -> GridScene:
+    """Return GridScene.variance of labels with only the part that their partial volumes leave unknown."""
+    margin = [((wide - n) // 2,) * 2 for wide, n in zip(best.grid.shape, labels.grid.shape, strict=True)]
+    variance = labels.with_amounts(np.pad(labels.amounts, [(0, 0), *margin])).variance()
+    more = [((wide - n) // 2,) * 2 for wide, n in zip(variance.grid.shape, best.grid.shape, strict=True)]
+    return variance.with_amounts(variance.amounts * np.pad(best.surfaces.unknown, more, mode="edge"))
 
 
 @dataclass(frozen=True)
@@ -269,6 +283,11 @@ class StatedObject:
         return self._of_binary_voxels and any(part.material == NOTHING for part in self._parts.values())
 
     @property
+    def has_precise_surfaces(self) -> bool:
+        """Whether the object has shapes or labels, whose surfaces are known to a small part of a voxel."""
+        return isinstance(self.scene, ShapesScene) or self._of_binary_voxels
+
+    @property
     def _of_binary_voxels(self) -> bool:
         """Whether each voxel has one material or none, which does not show where edges are."""
         return self.phantom is None and isinstance(self.scene, GridScene) and self.scene.is_binary
@@ -317,7 +336,7 @@ class StatedObject:
         return self.scene.with_partial_volumes(contours=False) if self._of_binary_voxels else self._best
 
     @cached_property
-    def _of_volumes(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
+    def _of_volumes(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces | LabelSurfaces]:
         """Change of the attenuation per unit of each error of a density or HU, 1/mm, and its surfaces."""
         return self._of_labels() if self.phantom is None else self._of_phantom()
 
@@ -392,34 +411,43 @@ class StatedObject:
     def _of_grid(self, geometry: ScanGeometry, samples: int, pose: Pose, about: Mapping[str, float]) -> ObjectErrors:
         """Return the errors of densities or HU and of surfaces of voxels."""
         errors, surfaces = self._of_volumes
-        by_mm = {name: about.get(SURFACE + name, 0.0) for name in surfaces.growth}
+        by_mm = {name: about.get(SURFACE + name, 0.0) for name in surfaces.names}
         moved = surfaces.grown(by_mm)
         numbers = (*errors, *(Nuisance(SURFACE + name, "mm", 0.0, self._surface_mm) for name in by_mm))
-        volumes = np.stack([*errors.values(), *moved.growth.values(), moved.values, surfaces.values])
-        if self.phantom is None:
-            scene = self._best.with_amounts(volumes)
-        else:
+
+        def scene_of(volumes: np.ndarray) -> GridScene:
+            if self.phantom is None:
+                return self._best.with_amounts(volumes)
             names = ("water",) * len(volumes)
-            scene = VoxelScene(volumes, self.phantom.grid, names, self.scene.energy_kev, self.scene.threads)
+            return VoxelScene(volumes, self.phantom.grid, names, self.scene.energy_kev, self.scene.threads)
 
-        def transmitted(paths: np.ndarray) -> np.ndarray:
-            paths[-2:] = _transmission(paths[-2:])  # a detector measures the mean transmission of the rays of a pixel
-            paths[:-2] *= paths[-2]
-            return paths
+        changing = scene_of(np.stack([*errors.values(), *moved.growth.values()]))
+        if isinstance(surfaces, LabelSurfaces):
+            parts = parts_of_voxels(self.scene, geometry)
+            sharp = (sharpened(one.attenuation, parts) for one in (moved, surfaces))
+            ends = [self._best.with_amounts(values[None], parts) for values in sharp]
+        else:
+            ends = [scene_of(one.values[None]) for one in (moved, surfaces)]
 
-        sums = _mean(transmitted, scene, geometry, samples, pose).astype(np.float32)
+        def transmitted(rays: ScanGeometry) -> np.ndarray:
+            # A detector measures the mean transmission of the rays of a pixel.
+            passed = np.concatenate([_transmission(end.path_lengths(rays, pose)) for end in ends])
+            return np.concatenate([changing.path_lengths(rays, pose) * passed[0], passed])
+
+        sums = sum(average_rays(transmitted(rays), weights) for rays, weights in supersampled(geometry, samples))
+        sums = sums.astype(np.float32)
         changes = sums[:-2] / sums[-2]
         linear = np.tensordot(list(by_mm.values()), changes[len(errors) :], 1)
         change = np.log(sums[-1] / sums[-2])
         # Rows that see the same edge share the error; weights of rays count them as independent.
-        share = SURFACES_LEFT * surfaces.spacing_mm[2] * geometry.magnification / geometry.column_pitch_mm
+        relative = SURFACES_LEFT_OF_LABELS if isinstance(surfaces, LabelSurfaces) else SURFACES_LEFT
+        share = relative * surfaces.spacing_mm[2] * geometry.magnification / geometry.column_pitch_mm
         left = share * np.sqrt(together(change, 1)) * np.abs(change)
         return ObjectErrors(numbers, changes, change - linear, left)
 
-    def _of_labels(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
+    def _of_labels(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces | LabelSurfaces]:
         best, spacing = self._best, self._best.grid.spacing
         mu = dict(zip(best.materials, best.attenuation_per_mm.astype(np.float32), strict=True))
-        total = np.tensordot(np.array(list(mu.values())), best.amounts, 1)
         parts = self._parts
         densities = {
             Nuisance(DENSITY + name, "1", 0.0, self.uncertainty.density_of(str(part.material))): (
@@ -428,7 +456,11 @@ class StatedObject:
             for name, part in parts.items()
             if part.material != NOTHING
         }
-        growth = {name: growth_of(part.share, total, spacing) for name, part in parts.items()}
+        if best.surfaces is not None:
+            return densities, LabelSurfaces.of(best, parts)
+        total = np.tensordot(np.array(list(mu.values())), best.amounts, 1)
+        own = own_surfaces(parts)
+        growth = {name: own[name] * growth_of(part.share, total, spacing) for name, part in parts.items()}
         return densities, VoxelSurfaces(total, growth, spacing)
 
     def _of_phantom(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces]:
@@ -469,7 +501,8 @@ def parts_of_voxels(scene: GridScene, geometry: ScanGeometry) -> tuple[int, int,
     pixel = np.array([geometry.row_pitch_mm, *2 * (geometry.column_pitch_mm,)]) / geometry.magnification
     shape = np.array(scene.grid.shape)
     most = min(MOST_PARTS, max(1, int((MOST_VOXELS / shape.prod()) ** (1 / (shape > 1).sum()))))
-    parts = np.ceil(PARTS_PER_PIXEL * np.array(scene.grid.spacing) / pixel - ROUNDING).clip(1, most)
+    wanted = PARTS_PER_PIXEL_OF_PRISMS if scene.is_binary and shape[0] == 1 else PARTS_PER_PIXEL
+    parts = np.ceil(wanted * np.array(scene.grid.spacing) / pixel - ROUNDING).clip(1, most)
     return tuple(np.where(shape > 1, parts, 1).astype(int).tolist())
 
 

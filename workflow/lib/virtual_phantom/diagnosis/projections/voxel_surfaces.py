@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import ndimage
 
 from ...base.units import HU_AIR
 from ...physics.beam.materials import Material
+from ...physics.scenes.label_surfaces import FAR, shares_at
 from ...physics.scenes.scene import GridScene
 from ...physics.scenes.shapes import NOTHING
 
@@ -20,6 +21,7 @@ MOST_PARTS_OF_KIND, SURFACE_REACH = 3, 2  # voxels from a part, in which edges b
 MOST_BYTES = 1e9  # of the shares of all parts; in larger volumes, all voxels of a material are one part
 MOSTLY = 0.5  # share of voxels that belong to a part, apart from its surface
 WITH_CORNERS = np.ones((3, 3, 3))  # neighbors of a voxel in its part
+STEP_VOXELS = 0.05  # displacement of surfaces for derivatives
 LEAST_SLOPE = 1e-4  # relative to the steepest slope: below it, nothing moves
 
 
@@ -39,6 +41,11 @@ class VoxelSurfaces:
     values: np.ndarray
     growth: dict[str, np.ndarray]
     spacing_mm: tuple[float, float, float]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parts."""
+        return tuple(self.growth)
 
     def grown(self, by_mm: Mapping[str, float]) -> VoxelSurfaces:
         """Return the volume with surfaces that are displaced outwards, by name of the part.
@@ -60,6 +67,84 @@ class VoxelSurfaces:
         ratio = np.divide(now, steep, out=np.zeros_like(now), where=steep > LEAST_SLOPE * steep.max())
         growth = {name: ratio * change for name, change in self.growth.items()}
         return VoxelSurfaces(values, growth, self.spacing_mm)
+
+
+@dataclass(frozen=True)
+class LabelSurfaces:
+    """As VoxelSurfaces, for the attenuation of labels, whose surfaces are displaced exactly.
+
+    Attributes
+    ----------
+    scene : GridScene
+        By GridScene.with_partial_volumes.
+    near : ndarray of bool, shape (z, y, x)
+        Voxels near a surface.
+    distance : ndarray, shape (materials + 1, near voxels)
+        As label_surfaces.Surfaces.distance.
+    moved : dict of str to tuple of 2 ndarray
+        By name of the part: the near voxels whose surfaces move with it, and the displacement of the surface of every
+        material there if the part grows by 1. Where a part grows, its neighbors shrink.
+    by_mm : mapping of str to float
+        Displacements outwards; 0 for other parts.
+    """
+
+    scene: GridScene
+    near: np.ndarray
+    distance: np.ndarray
+    moved: dict[str, tuple[np.ndarray, np.ndarray]]
+    by_mm: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scene: GridScene, parts: Mapping[str, Part]) -> LabelSurfaces:
+        """Return the surfaces of a scene and its parts."""
+        distance, materials = scene.surfaces.distance, (*scene.materials, NOTHING)
+        near = (np.abs(distance) < FAR).any(axis=0)
+        moved = {
+            name: (
+                np.flatnonzero(own[near]),
+                np.array([[1.0 if one == parts[name].material else -1.0] for one in materials], np.float32),
+            )
+            for name, own in own_surfaces(parts).items()
+        }
+        return cls(scene, near, distance[:, near], moved)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parts."""
+        return tuple(self.moved)
+
+    @property
+    def spacing_mm(self) -> tuple[float, float, float]:
+        """Voxel size along z, y and x, mm."""
+        return self.scene.grid.spacing
+
+    def grown(self, by_mm: Mapping[str, float]) -> LabelSurfaces:
+        """As VoxelSurfaces.grown."""
+        distance = self.distance.copy()
+        for name, by in by_mm.items():
+            at, outwards = self.moved[name]
+            distance[:, at] += outwards * np.float32((by - self.by_mm.get(name, 0.0)) / self.spacing_mm[2])
+        return replace(self, distance=distance, by_mm=by_mm)
+
+    @property
+    def attenuation(self) -> np.ndarray:
+        """Attenuation with the displaced surfaces, 1/mm, shape (z, y, x)."""
+        found = np.tensordot(self.scene.attenuation_per_mm.astype(np.float32), self.scene.amounts, 1)
+        found[self.near] = self._mixed(self.distance)
+        return found
+
+    @property
+    def growth(self) -> dict[str, np.ndarray]:
+        """Change of the attenuation by name of the part, 1/mm^2."""
+        found, places = {}, np.flatnonzero(self.near)
+        for name, (at, outwards) in self.moved.items():
+            low, high = (self._mixed(self.distance[:, at] + side * STEP_VOXELS * outwards) for side in (-1, 1))
+            found[name] = np.zeros(self.near.shape, np.float32)
+            found[name].ravel()[places[at]] = (high - low) / (2 * STEP_VOXELS * self.spacing_mm[2])
+        return found
+
+    def _mixed(self, distance: np.ndarray) -> np.ndarray:
+        return np.tensordot(self.scene.attenuation_per_mm.astype(np.float32), shares_at(distance)[:-1], 1)
 
 
 @dataclass(frozen=True)
@@ -98,6 +183,19 @@ def labelled_parts(scene: GridScene, most: int) -> dict[str, Part]:
             name = str(material) if number == 1 else f"{material} {one}"
             found[name] = Part(material, np.where(near, shares[material], 0))
     return found
+
+
+def own_surfaces(parts: Mapping[str, Part]) -> dict[str, np.ndarray]:
+    """Return the voxels whose surfaces move with each part: of two parts that touch, with the smaller one.
+
+    Inserts and holes therefore keep their size if the part around them grows.
+    """
+    found, taken = {}, False
+    for name in sorted(parts, key=lambda name: float(parts[name].share.sum())):
+        there = ndimage.binary_dilation(parts[name].share > 0, iterations=SURFACE_REACH)
+        found[name] = there & ~taken
+        taken = taken | there
+    return {name: found[name] for name in parts}
 
 
 def growth_of(share: np.ndarray, values: np.ndarray, spacing_mm: tuple[float, float, float]) -> np.ndarray:

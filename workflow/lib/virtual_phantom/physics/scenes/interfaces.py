@@ -45,6 +45,15 @@ def divided(shares: np.ndarray, parts: tuple[int, int, int]) -> np.ndarray:
     return found
 
 
+def sharpened(values: np.ndarray, parts: tuple[int, int, int]) -> np.ndarray:
+    """Divide voxels that mix their neighbors' least and largest value into parts, with a plane as the interface."""
+    if max(parts) == 1:
+        return values
+    mixed, low, high = phases(values)
+    low, high = (repeated(ends, parts) for ends in (low, high))
+    return low + (high - low) * divided(mixed, parts)
+
+
 def repeated(values: np.ndarray, parts: tuple[int, int, int]) -> np.ndarray:
     """Return values with each voxel divided into equal parts."""
     for axis, count in enumerate(parts):

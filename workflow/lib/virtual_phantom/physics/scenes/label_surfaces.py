@@ -29,29 +29,75 @@ MOST_HARMONICS = 0.25  # per point of a contour, so that the curve cannot follow
 MOST_CONTRADICTION = 0.1
 SMOOTHED_POINTS = 3.0  # SD of the Gaussian that makes the length along a contour independent of terraces, points
 POINTS = 4  # of a curve, per point of the contour
+# Variance of the attenuation in a voxel that remains unknown, relative to that of a share of unknown size.
+# - where no curve fits: with 0.5, the two edges of a ray have an SD of 0.33 voxels (0.22 to 0.28 measured, see SIGMA)
+# - of a curve: per coefficient and point of the contour, and of any curve. Measured for discs with radii of 2 to 50
+#   voxels, whose chords have a variance of 0.18 x coefficients / points + 0.004 squared voxels (seed 5).
+UNKNOWN, UNKNOWN_OF_COEFFICIENTS, UNKNOWN_OF_CURVE = 0.5, 0.83, 0.018
 NEAR = 2  # voxels on either side of a surface that may have a partial volume
 
 
-def partial_volumes(share: np.ndarray, contours: bool) -> np.ndarray:
-    """Return the share of each voxel that a material fills.
+FAR = 1e3  # distance of voxels that are not near a surface, voxels
+LEAST_SUM = 0.02  # of the shares of all materials in a voxel
 
-    Voxels near a surface have the share of their distance from it. The surface is the curve of its section
-    (`_curve_of`). Where no curve fits, or with `contours` false, it is where the smoothed share is 0.5. A Gaussian G
-    lowers the share at a surface in proportion to its curvature and to its standard deviation, which G^2 has times
-    sqrt(2). The smoothing (1 + a) G - a G^2 with a = SHARPENED therefore does not displace surfaces, to first order in
-    their curvature.
+
+@dataclass(frozen=True)
+class Surfaces:
+    """Surfaces of all materials of a volume.
+
+    Attributes
+    ----------
+    distance : ndarray of float32, shape (materials + 1, z, y, x)
+        By material, as `distances`; the last one is of empty space.
+    unknown : ndarray of float32, shape (z, y, x)
+        Unknown part of the variance in a voxel.
+    """
+
+    distance: np.ndarray
+    unknown: np.ndarray
+
+    @classmethod
+    def of(cls, amounts: np.ndarray, contours: bool) -> Surfaces:
+        """Return the surfaces of materials of which a voxel has one or none; `contours` as in `distances`."""
+        empty = 1 - amounts.sum(axis=0, keepdims=True)
+        found = [distances(share, contours) for share in np.concatenate([amounts, empty])]
+        # Next to a surface without a curve, another material may have one.
+        return cls(np.stack([distance for distance, _ in found]), np.min([unknown for _, unknown in found], axis=0))
+
+
+def shares_at(distance: np.ndarray) -> np.ndarray:
+    """Return the shares of voxels that all materials and empty space fill, shaped as their distances."""
+    found = np.clip(0.5 + distance, 0, 1)
+    return found / np.maximum(found.sum(axis=0), LEAST_SUM)
+
+
+def partial_volumes(share: np.ndarray, contours: bool) -> np.ndarray:
+    """Return the share of each voxel that a material fills; arguments as `distances`."""
+    return np.clip(0.5 + distances(share, contours)[0], 0, 1)
+
+
+def distances(share: np.ndarray, contours: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distance of each voxel from the surface, and the unknown part of its variance (UNKNOWN).
+
+    Distances are positive inside, in voxels, and FAR or -FAR away from the surface. The surface is the curve of its
+    section (`_curve_of`). Where no curve fits, or with `contours` false, it is where the smoothed share is 0.5. A
+    Gaussian G lowers the share at a surface in proportion to its curvature and to its standard deviation, which G^2 has
+    times sqrt(2). The smoothing (1 + a) G - a G^2 with a = SHARPENED therefore does not displace surfaces, to first
+    order in their curvature.
 
     Parameters
     ----------
     share : ndarray, shape (z, y, x)
         1 for voxels of the material, else 0.
     """
+    found = np.where(share > 0.5, FAR, -FAR).astype(np.float32)
+    unknown = np.full(share.shape, UNKNOWN, np.float32)
     if not share.any():
-        return share
-    found, reach = share.copy(), math.ceil(2 * REACH * SIGMA)
+        return found, unknown
+    reach = math.ceil(2 * REACH * SIGMA)
     (filled,) = ndimage.find_objects((share > 0).astype(np.uint8))
     box = tuple(slice(max(0, side.start - reach), side.stop + reach) for side in filled)
-    share, part = share[box], found[box]
+    share = share[box]
     inside = share > 0.5
     axes = [axis for axis in range(3) if share.shape[axis] > 1]
 
@@ -63,28 +109,30 @@ def partial_volumes(share: np.ndarray, contours: bool) -> np.ndarray:
     slopes = {axis: np.gradient(smooth, axis=axis) for axis in axes}
     slope = np.sqrt(sum(along**2 for along in slopes.values()))
     there = slope > LEAST_SLOPE
-    distance = np.divide(smooth - 0.5, slope, out=np.where(inside, 1, -1).astype(smooth.dtype), where=there)
+    distance = found[box]  # a view
+    distance[there] = (smooth[there] - 0.5) / slope[there]
     if contours:
         # The distance from an inclined surface is this share of the distance within the section.
         inclined = np.divide(np.hypot(slopes[1], slopes[2]), slope, out=np.ones_like(slope), where=there)
         for number, section in enumerate(inside):
             if not number or (section != inside[number - 1]).any():
-                along = _distances(section)
+                along, of_section = _distances(section)
                 near = np.isfinite(along)
             distance[number, near] = inclined[number, near] * along[near]
-            there[number] |= near
-    part[there] = np.clip(0.5 + distance[there], 0, 1)
-    return found
+            unknown[box][number] = of_section
+    return found, unknown
 
 
-def _distances(section: np.ndarray) -> np.ndarray:
-    """Return the distances of voxels from the nearest contour that a curve describes, positive inside, voxels.
+def _distances(section: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances of voxels from the nearest contour that a curve describes, and the unknown part there.
 
-    They are infinite far from such contours. Contours that end at the border have no curve.
+    Distances are positive inside, in voxels, and infinite far from such contours. Contours that end at the border have
+    no curve.
     """
     from skimage.measure import find_contours  # slow import
 
     found, shape = np.full(section.shape, np.inf), np.array(section.shape)
+    unknown = np.full(section.shape, UNKNOWN, np.float32)
     for contour in find_contours(section.astype(float), 0.5):
         points = contour[:-1]
         if (contour[0] != contour[-1]).any():
@@ -98,16 +146,19 @@ def _distances(section: np.ndarray) -> np.ndarray:
         if curve is not None:
             voxels = np.argwhere(ndimage.binary_dilation(touched, iterations=NEAR)) + low
             at, distance = tuple(voxels.T), curve.distance(voxels)
-            found[at] = np.where(abs(distance) < abs(found[at]), distance, found[at])
-    return found
+            nearer = abs(distance) < abs(found[at])
+            found[at] = np.where(nearer, distance, found[at])
+            unknown[at] = np.where(nearer, curve.unknown, unknown[at])
+    return found, unknown
 
 
 @dataclass(frozen=True)
 class _Curve:
-    """A closed curve, as points and their normals toward the inside, shape (points, 2)."""
+    """A closed curve, as points and their normals toward the inside, shape (points, 2), and its unknown part."""
 
     points: np.ndarray
     normals: np.ndarray
+    unknown: float
 
     @classmethod
     def of(cls, points: np.ndarray, length: np.ndarray, harmonics: int) -> _Curve:
@@ -115,11 +166,13 @@ class _Curve:
 
         Contours by scikit-image have the higher values, thus the inside, on one side.
         """
-        coefficients = np.linalg.lstsq(_waves(length, harmonics), points, rcond=None)[0]
+        waves = _waves(length, harmonics)
+        coefficients = np.linalg.lstsq(waves, points, rcond=None)[0]
         places = _waves(np.arange(POINTS * len(points)) / (POINTS * len(points)), harmonics) @ coefficients
         along = np.roll(places, -1, axis=0) - np.roll(places, 1, axis=0)
         normals = np.stack([along[:, 1], -along[:, 0]], axis=1)
-        return cls(places, normals / np.linalg.norm(normals, axis=1, keepdims=True))
+        unknown = min(UNKNOWN, UNKNOWN_OF_COEFFICIENTS * coefficients.size / len(points) + UNKNOWN_OF_CURVE)
+        return cls(places, normals / np.linalg.norm(normals, axis=1, keepdims=True), unknown)
 
     def distance(self, voxels: np.ndarray) -> np.ndarray:
         """Return the distance of voxels (voxels, 2) along the normal of the nearest point, positive inside."""

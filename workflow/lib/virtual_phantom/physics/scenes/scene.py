@@ -15,15 +15,15 @@ from ...base.pose import IN_PLACE, Pose, turned_back
 from ...io.volumes import Volume
 from ...projectors.cpu import check_in_orbit
 from ..beam.materials import Material, Segmentation, attenuation_per_mm, energy_of
-from .interfaces import divided, phases, repeated
-from .label_surfaces import partial_volumes
+from .interfaces import divided, phases, sharpened
+from .label_surfaces import Surfaces, shares_at
 from .rays import Rays, Voxels
 
 DISC_ENERGY_KEV = 60.0  # default energy of the monochromatic beam: about the mean of a body scan at 120 kV
 # Continuation of a cut object: smallest amount of material in the last slice that counts as matter (air of a real scan
 # is not empty), and largest number of slices.
 MIN_CUT_AMOUNT, MAX_EXTENSION = 0.25, 32
-MARGIN, LEAST_SUM = 3, 0.02  # of partial volumes: voxels around the object, and least sum of all shares of a voxel
+MARGIN = 3  # voxels around an object with partial volumes
 UNIFORM = 1 / 12  # variance of a uniformly distributed share
 
 
@@ -64,7 +64,11 @@ class GridScene(Scene):
     ----------
     amounts : ndarray, shape (materials, z, y, x)
         The occupied part of `fractions`, or other amounts (see `with_amounts`).
+    surfaces : Surfaces or None
+        Surfaces of a scene by `with_partial_volumes`.
     """
+
+    surfaces: Surfaces | None = None
 
     def __init__(self, fractions: np.ndarray, grid: Grid, materials: tuple[Material, ...], energy_kev: float):
         self.materials, self.energy_kev = materials, energy_kev
@@ -119,10 +123,10 @@ class GridScene(Scene):
             Whether surfaces follow contours (label_surfaces.partial_volumes).
         """
         amounts = np.pad(self.amounts, ((0, 0), (0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)))
-        every = np.concatenate([amounts, 1 - amounts.sum(axis=0, keepdims=True)])  # the last one is empty space
-        every = np.stack([partial_volumes(share, contours) for share in every])
-        every /= np.maximum(every.sum(axis=0), LEAST_SUM)
-        return self.with_amounts(every[:-1])
+        surfaces = Surfaces.of(amounts, contours)
+        scene = self.with_amounts(shares_at(surfaces.distance)[:-1])
+        scene.surfaces = surfaces
+        return scene
 
     def attenuation(self, parts: tuple[int, int, int] = (1, 1, 1), shares: bool = True) -> GridScene:
         """Return the scene with the attenuation as its only amount, 1/mm, in parts of voxels with sharp interfaces.
@@ -141,9 +145,7 @@ class GridScene(Scene):
         elif shares:
             total = sum(one * divided(amount, parts) for one, amount in zip(mu, amounts, strict=True))
         else:
-            mixed, low, high = phases(np.tensordot(mu, amounts, 1))
-            low, high = (repeated(values, parts) for values in (low, high))
-            total = low + (high - low) * divided(mixed, parts)
+            total = sharpened(np.tensordot(mu, amounts, 1), parts)
         return self.with_amounts(total[None], parts)
 
     def variance(self, shares: bool = True) -> GridScene:
