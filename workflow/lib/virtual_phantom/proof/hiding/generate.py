@@ -59,7 +59,8 @@ def acquire(
 ) -> Acquired:
     """Scan an object with its imperfections and hidden changes, and read out the detector.
 
-    Branches of the seed draw the noise, the gains of the pixels and the faults.
+    Branches of the seed draw the noise, the gains of the pixels and the faults. With 0 repeats, there is one scan
+    without noise.
     """
     noise, pixels, faults = seed.spawn(3)
     attenuation = ATTENUATION[simulator](scan.kev)

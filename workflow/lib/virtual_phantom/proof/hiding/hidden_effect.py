@@ -12,6 +12,7 @@ from .objects import BENCH, DISC
 READOUT_KEV = 60.0  # converts a dark signal from photons to readout units: the simulators read energy, in keV
 MODULE_SHARE = 0.5  # of the variance of gains that is common to the columns of a detector module
 STRENGTHS = ("weak", "medium", "strong")
+LEAST_SNR = 5.0  # of an effect that an observer sees reliably: A. Rose, J. Opt. Soc. Am. 38, 196, 1948
 MEAN = ("projections", "columns", "views", "rows", "path length", "edges")
 NOISE = ("noise variance", "noise level")
 IMAGE = ("image", "slices", "distance from the axis", "tissue", "edges")

@@ -54,7 +54,7 @@ def read_out(
         warming = drift * duration_s * np.array([settling((view + 0.5) / views) for view in range(views)])
         readings = readings + (level + warming[:, None, None]) * pixels
         air = air + level * pixels
-    return Acquired((readings / current).astype(np.float32), air.astype(np.float32))
+    return Acquired((readings / current).astype(np.float32), air.astype(np.float32), current=taken.current)
 
 
 def gains(rms: float, shape: tuple[int, int], random: np.random.Generator) -> np.ndarray:
