@@ -55,9 +55,9 @@ EDGES = {
 PARTS_PER_PIXEL, PARTS_PER_PIXEL_OF_PRISMS = 3, 6
 MOST_PARTS, ROUNDING = 4, 1e-6
 MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
-# Variance of the attenuation in a voxel of shares or HU that remains unknown, relative to GridScene.variance (of labels:
-# label_surfaces.UNKNOWN). The position of an edge follows from the share and its gradient. Measured for random bodies:
-# 0.011 to 0.019 (seed 102); with 1/60, scatter stood out in two of five scans with voxels of half a pixel.
+# Variance of the attenuation in a voxel of shares or HU that remains unknown, relative to GridScene.variance. Labels have
+# label_surfaces.UNKNOWN instead. The position of an edge follows from the share and its gradient. Measured for random
+# bodies: 0.011 to 0.019 (seed 102); with 1/60, scatter stood out in two of five scans with voxels of half a pixel.
 UNKNOWN_OF_SHARES = 1 / 30
 # Error of the change of line integrals by surfaces of voxels, relative to the change and to the size of a voxel in
 # pixels. Measured for discs of 60 and 100 mm with voxels of 0.4 to 0.7 pixels that grow by -0.3 to 0.2 mm: 0.12 to
