@@ -55,8 +55,8 @@ EDGES = {
 PARTS_PER_PIXEL, PARTS_PER_PIXEL_OF_PRISMS = 3, 6
 MOST_PARTS, ROUNDING = 4, 1e-6
 MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
-# Variance of the attenuation in a voxel of shares or HU that remains unknown, relative to GridScene.variance. Labels have
-# label_surfaces.UNKNOWN instead. The position of an edge follows from the share and its gradient. Measured for random
+# Variance of the attenuation in a voxel of shares or HU that remains unknown, relative to GridScene.variance. (Labels
+# have label_surfaces.UNKNOWN.) The position of an edge follows from the share and its gradient. Measured for random
 # bodies: 0.011 to 0.019 (seed 102); with 1/60, scatter stood out in two of five scans with voxels of half a pixel.
 UNKNOWN_OF_SHARES = 1 / 30
 # Error of the change of line integrals by surfaces of voxels, relative to the change and to the size of a voxel in
