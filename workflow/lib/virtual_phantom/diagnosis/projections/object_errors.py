@@ -53,7 +53,7 @@ EDGES = {
 # this costs little. In a bench object with voxels of a third of a pixel, line integrals are then wrong by 0.0008 (RMS),
 # else by 0.0015.
 PARTS_PER_PIXEL, PARTS_PER_PIXEL_OF_PRISMS = 3, 6
-MOST_PARTS, ROUNDING = 4, 1e-6
+MOST_PARTS, WIDER = 4, 0.1  # parts; a part may be wider by this share, so that a fitted magnification changes nothing
 MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
 # Variance of the attenuation in a voxel of shares or HU that remains unknown, relative to GridScene.variance. (Labels
 # have label_surfaces.UNKNOWN.) The position of an edge follows from the share and its gradient. Measured for random
@@ -73,40 +73,56 @@ CACHED_CHANGES = 3  # whitened changes of the fitted and of the held-out data, a
 CACHED_POSES = 4  # changes at edges, each for one pose
 
 
-class Edges:
-    """Changes of the line integrals of voxels by sharp edges of the object, and their unknown part.
+@dataclass(frozen=True)
+class EdgeScenes:
+    """Scenes whose line integrals differ by the edges of an object of voxels.
 
-    Parameters
+    Attributes
     ----------
-    scene : GridScene
-        The stated object.
-    fitted : GridScene
-        Scene to whose line integrals the changes are added.
-    best, rough : GridScene
-        The scene with partial volumes; of labels, by curves and from smoothed voxels alone.
-    shares : bool
-        Whether amounts of the scene are shares of voxels; otherwise it is a phantom in HU.
+    names : tuple of str
+        Of EDGES, the changes that the object has.
+    scenes : dict of str to GridScene
+        By name: attenuation or, for "variance", its unknown part.
+    unknown_mm : float
+        Length whose product with the sum of "variance" along a ray is the variance of a line integral. Errors of voxels
+        along a ray are independent, so that their variances add with squared path lengths.
     """
 
-    def __init__(
-        self,
+    names: tuple[str, ...]
+    scenes: dict[str, GridScene]
+    unknown_mm: float
+
+    @classmethod
+    def of(
+        cls,
         scene: GridScene,
         fitted: GridScene,
         best: GridScene,
         rough: GridScene,
         shares: bool,
-        geometry: ScanGeometry,
-        samples: int,
-    ):
-        self._geometry, self._samples, self._cache = geometry, samples, LRUCache(CACHED_POSES)
-        parts = parts_of_voxels(scene, geometry)
+        parts: tuple[int, int, int],
+    ) -> EdgeScenes:
+        """Return the scenes of an object.
+
+        Parameters
+        ----------
+        scene : GridScene
+            The stated object.
+        fitted : GridScene
+            Scene to whose line integrals the changes are added.
+        best, rough : GridScene
+            The scene with partial volumes; of labels, by curves and from smoothed voxels alone.
+        shares : bool
+            Whether amounts of the scene are shares of voxels; otherwise it is a phantom in HU.
+        parts : tuple of 3 int
+            Parts of a voxel (parts_of_voxels).
+        """
         binary = shares and scene.is_binary
         divided, terraced = max(parts) > 1, binary and fitted is scene
         sharper = SHARP_EDGES if fitted is scene else FINER_EDGES
-        self.names = (EDGE_BLUR, sharper) if divided or terraced else (EDGE_BLUR,)
         sharp = best.attenuation(parts, shares)
         blurred = sharp.blurred()
-        self._scenes = {
+        scenes = {
             "stated": scene.attenuation(),
             "fitted": fitted.attenuation(),
             "sharp": sharp,
@@ -115,8 +131,21 @@ class Edges:
             # Its difference from the stated scene shows the extent of errors of edges.
             "rough": rough.attenuation(parts) if binary else sharp if divided else blurred,
         }
-        # Errors of voxels along a ray are independent, so their variances add with squared path lengths.
-        self._unknown = scene.grid.spacing[2] * (1.0 if binary else UNKNOWN_OF_SHARES)
+        names = (EDGE_BLUR, sharper) if divided or terraced else (EDGE_BLUR,)
+        return cls(names, scenes, scene.grid.spacing[2] * (1.0 if binary else UNKNOWN_OF_SHARES))
+
+
+class Edges:
+    """Changes of the line integrals of voxels by sharp edges of the object, and their unknown part."""
+
+    def __init__(self, of_object: EdgeScenes, geometry: ScanGeometry, samples: int):
+        self._object, self._geometry, self._samples = of_object, geometry, samples
+        self._cache = LRUCache(CACHED_POSES)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """As EdgeScenes.names."""
+        return self._object.names
 
     def at(self, pose: Pose) -> dict[str, np.ndarray]:
         """Return the changes of EDGES, shape (views, rows, columns)."""
@@ -134,14 +163,14 @@ class Edges:
         Neighboring rays share errors. Weights of rays count them as independent, so the variance is multiplied by the
         number of rays that vary together, which the change by sharp edges shows.
         """
-        variance = self._unknown * self._lines("variance", pose)
+        variance = self._object.unknown_mm * self._lines("variance", pose)
         change = self._lines("rough", pose) - self._lines("stated", pose)
         there = variance > EDGE_SHARE * variance.max()
         scaled = np.divide(change, np.sqrt(variance), out=np.zeros_like(variance), where=there)
         return np.sqrt(variance * np.prod([together(scaled, axis) for axis in range(3)]))
 
     def _lines(self, name: str, pose: Pose) -> np.ndarray:
-        return _lengths(self._scenes[name], self._geometry, self._samples, pose)[0]
+        return _lengths(self._object.scenes[name], self._geometry, self._samples, pose)[0]
 
 
 def unknown_variance(labels: GridScene, best: GridScene) -> GridScene:
@@ -230,6 +259,7 @@ class StatedObject:
     mu_water_per_mm: float
     phantom: Volume | None = None
     _cache: LRUCache = field(default_factory=lambda: LRUCache(1), repr=False)
+    _edges_of_scene: LRUCache = field(default_factory=lambda: LRUCache(1), repr=False)
 
     @classmethod
     def of(cls, request: DiagnosisRequest, scene: Scene) -> StatedObject | None:
@@ -316,9 +346,15 @@ class StatedObject:
             return None
         fitted = self.with_surfaces(about)
         key = geometry.key, samples, fitted is self.scene
-        return self._cache.get(
-            key, lambda: Edges(self.scene, fitted, self._best, self._rough, self.phantom is None, geometry, samples)
-        )
+        return self._cache.get(key, lambda: Edges(self._edge_scenes(fitted, geometry), geometry, samples))
+
+    def _edge_scenes(self, fitted: GridScene, geometry: ScanGeometry) -> EdgeScenes:
+        parts = parts_of_voxels(self.scene, geometry)
+
+        def make() -> EdgeScenes:
+            return EdgeScenes.of(self.scene, fitted, self._best, self._rough, self.phantom is None, parts)
+
+        return self._edges_of_scene.get((parts, fitted is self.scene), make)
 
     @cached_property
     def _best(self) -> GridScene:
@@ -502,7 +538,7 @@ def parts_of_voxels(scene: GridScene, geometry: ScanGeometry) -> tuple[int, int,
     shape = np.array(scene.grid.shape)
     most = min(MOST_PARTS, max(1, int((MOST_VOXELS / shape.prod()) ** (1 / (shape > 1).sum()))))
     wanted = PARTS_PER_PIXEL_OF_PRISMS if scene.is_binary and shape[0] == 1 else PARTS_PER_PIXEL
-    parts = np.ceil(wanted * np.array(scene.grid.spacing) / pixel - ROUNDING).clip(1, most)
+    parts = np.ceil(wanted * np.array(scene.grid.spacing) / pixel - WIDER).clip(1, most)
     return tuple(np.where(shape > 1, parts, 1).astype(int).tolist())
 
 
