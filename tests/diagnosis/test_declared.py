@@ -11,7 +11,7 @@ from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
-from virtual_phantom.diagnosis.fitting.priors import declared
+from virtual_phantom.diagnosis.fitting.priors import Statement, declared
 from virtual_phantom.diagnosis.fitting.problem import Problem
 from virtual_phantom.diagnosis.fitting.templates import data_changes
 from virtual_phantom.diagnosis.fitting.trial import trial
@@ -211,6 +211,14 @@ def test_impossible_declarations_are_rejected_in_one_line(section, words):
     with pytest.raises(InputError, match=words) as caught:
         declared(section, "diagnosis.recordings.bench.baseline")
     assert str(caught.value).startswith("diagnosis.recordings.bench.baseline") and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["xray_crosstalk", "optical_crosstalk"])
+def test_declared_crosstalk_without_a_tail_has_none(name):
+    shares = {key: {"value": 0.02, "sd": 0.001} for key in ("column", "row")}
+    assert declared({name: shares}, "baseline")[name]["tail"] == Statement(0.0, 0.0)
+    found = declared({name: shares | {"tail": {"value": 0.2, "sd": 0.05}}}, "baseline")
+    assert found[name]["tail"] == Statement(0.2, 0.05)
 
 
 def test_declared_effect_is_no_candidate():

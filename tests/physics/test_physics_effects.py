@@ -26,7 +26,7 @@ from virtual_phantom.physics.scenes.sampling import (
 )
 from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
 from virtual_phantom.physics.scenes.shapes import DiscScene
-from virtual_phantom.physics.state import State, with_afterglow, with_crosstalk
+from virtual_phantom.physics.state import Sharing, State, with_afterglow, with_crosstalk
 from virtual_phantom.simulation.reconstruct import apply_image_effects
 
 MU = 0.0193
@@ -361,6 +361,63 @@ def test_crosstalk_conserves_the_signal():
     assert with_afterglow(with_crosstalk(np.ones((3, 4, 5)), (0.1, 0.1)), (0.1, 0.3, 1.0)) == pytest.approx(1)
 
 
+def sharing_matrix(weights, length):
+    """Shares [to, from] of pixels for weights by distance; the axis is mirrored at both edges."""
+    matrix = np.zeros((length, length))
+    for pixel in range(length):
+        for apart in range(1 - len(weights), len(weights)):
+            far = (pixel + apart) % (2 * length)
+            matrix[pixel, min(far, 2 * length - 1 - far)] += weights[abs(apart)]
+    return matrix
+
+
+@pytest.mark.parametrize(("c", "q", "length"), [(0.1, 0.3, 30), (0.2, 0.5, 60), (0.1, 0.4, 5), (0.2, 0.5, 2)])
+def test_tail_of_crosstalk_decays_geometrically(c, q, length):
+    """Shares c (1 - q) q^(n - 1), of which the last includes all further pixels, also as variance and covariance."""
+    sharing = Sharing.of(c, q, length)
+    reach = len(sharing.weights) - 1
+    sides = [c * (1 - q) * q**n for n in range(reach - 1)]
+    np.testing.assert_allclose(sharing.weights, [1 - 2 * c, *sides, c - sum(sides)], rtol=1e-9)
+    assert reach == length // 2 or 1e-6 > q**reach > 1e-7
+    matrix = sharing_matrix(sharing.weights, length)
+    random = np.random.default_rng(2)
+    signal = random.uniform(0.1, 1, (3, 4, length))
+    found = [with_crosstalk(signal, (c, 0.0), q, squared) for squared in (False, True)]
+    np.testing.assert_allclose(found[0], signal @ matrix.T, rtol=1e-12)
+    covariance = np.einsum("ik,vrk,jk->vrij", matrix, signal, matrix)
+    np.testing.assert_allclose(found[1], np.einsum("vrii->vri", covariance), rtol=1e-12)
+    pixel = np.arange(length - 1)
+    neighbors = sharing.between_neighbors(signal, 2)
+    np.testing.assert_allclose(neighbors, covariance[..., pixel, pixel + 1], rtol=1e-12)
+    # Along rows as along columns.
+    turned = with_crosstalk(signal.swapaxes(1, 2), (0.0, c), q)
+    np.testing.assert_array_equal(turned.swapaxes(1, 2), found[0])
+    np.testing.assert_array_equal(sharing.between_neighbors(signal.swapaxes(1, 2), 1).swapaxes(1, 2), neighbors)
+
+
+def test_correlations_of_a_tail_equal_their_closed_form():
+    """Sums of products of the weights m = 1 - 2c and a q^(n - 1), a = c (1 - q), over the sum of their squares."""
+    c, q = 0.1, 0.3
+    a, m = c * (1 - q), 1 - 2 * c
+    square = m**2 + 2 * a**2 / (1 - q**2)
+    right = [2 * a * (m + a * q / (1 - q**2)), a * (2 * m * q + a * (1 + 2 * q**2 / (1 - q**2)))]
+    np.testing.assert_allclose(Sharing.of(c, q, 100).correlations[:2], np.array(right) / square, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["xray_crosstalk", "optical_crosstalk"])
+def test_crosstalk_without_a_tail_reaches_the_next_pixel_only(chain, name):
+    """Settings without the tail are those with a tail of 0."""
+    without, zero, tail = (
+        chain.state({name: {"column": 0.1, "row": 0.05} | more}) for more in ({}, {"tail": 0.0}, {"tail": 0.3})
+    )
+    for part in ("line_integrals", "variance"):
+        np.testing.assert_array_equal(getattr(without, part)(), getattr(zero, part)())
+        assert (getattr(tail, part)() != getattr(zero, part)()).any()
+    np.testing.assert_array_equal(correlations(without), correlations(zero))
+    assert checked({name: {"column": 0.1}})[name]["tail"] == 0
+    np.testing.assert_array_equal(Sharing.of(0.1, 0.0, 48).weights, [0.8, 0.1])
+
+
 def test_afterglow_decays_by_its_memory():
     """One bright view: k (1 - d) d^(j - 1) of it j views later; without afterglow before, 1 - k of the first view."""
     bright = np.zeros((6, 1, 1))
@@ -434,6 +491,7 @@ def test_simulated_noise_follows_the_model(chain, name):
     ("name", "values"),
     [
         ("optical_crosstalk", {"column": 0.03, "row": 0.03}),
+        ("optical_crosstalk", {"column": 0.1, "row": 0.05, "tail": 0.4}),
         ("afterglow", {"share": 0.3, "time_constant_ms": 20.0, "before": 1.0}),
     ],
 )

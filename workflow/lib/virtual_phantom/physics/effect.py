@@ -113,6 +113,8 @@ class Parameter:
         Whether the parameter is the radius of the field of view, so that fits also start at the edge of the voxels.
     fraction : bool
         Whether 0 and 1 are limits of physics rather than of plausibility, so that a fit may end there.
+    unstated : float or None
+        Exact value where a declaration of the effect does not mention the parameter; None: it must.
     title : str
         Name in texts; empty: `name` without its unit.
     """
@@ -136,6 +138,7 @@ class Parameter:
     periodic: bool = False
     field_of_view: bool = False
     fraction: bool = False
+    unstated: float | None = None
     title: str = ""
 
     @property

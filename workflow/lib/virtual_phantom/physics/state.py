@@ -6,10 +6,12 @@ scans.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import scipy
 
 from ..base.geometry import ScanGeometry
 from ..base.mounting import AS_STATED, Mounting
@@ -72,8 +74,11 @@ class State:
     electronic : float
         Standard deviation of electronic noise, photons. One photon is the signal in air at fluence 1 over `photons`.
     neighbours : tuple of 2 float
-        Crosstalk along (columns, rows): share of the signal, including its quantum noise, that goes to the next pixel
-        on each side.
+        Crosstalk along (columns, rows): share of the signal, including its quantum noise, that goes to the pixels on
+        each side.
+    tail : float
+        Share of this crosstalk that a pixel receives, relative to the pixel before it; 0: only the next pixel receives
+        it.
     lag : tuple of 3 float
         Afterglow (share, memory, before). `share` of the signal of a view is read in later views, and decays by the
         factor `memory` from one scanner view to the next. `before` is the afterglow at the start of the scan, relative
@@ -121,6 +126,7 @@ class State:
     noise: np.ndarray | None = None
     electronic: float = 0.0
     neighbours: tuple[float, float] = (0.0, 0.0)
+    tail: float = 0.0
     lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
     earlier: np.ndarray | None = None
     slow_lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -154,7 +160,7 @@ class State:
     @property
     def measured_air(self) -> np.ndarray:
         """Mean reading of the air scan, relative to air at fluence 1, shape (views or 1, rows, columns)."""
-        return self.apply_response(with_crosstalk(self.air, self.neighbours)) + self.dark_air / self.unit
+        return self.apply_response(with_crosstalk(self.air, self.neighbours, self.tail)) + self.dark_air / self.unit
 
     def line_integrals(self) -> np.ndarray:
         """Return -ln(signal / air) of the mean signals, float64, shape (views, rows, columns)."""
@@ -301,11 +307,11 @@ class State:
             As State.earlier.
         """
         if before_scan is not None:
-            before_scan = with_crosstalk(before_scan[None], self.neighbours, squared)[0]
+            before_scan = with_crosstalk(before_scan[None], self.neighbours, self.tail, squared)[0]
         step = step or self.geometry.views_apart
-        signal = with_crosstalk(signal, self.neighbours, squared)
+        signal = with_crosstalk(signal, self.neighbours, self.tail, squared)
         if earlier is not None:
-            earlier = np.stack([with_crosstalk(views, self.neighbours, squared) for views in earlier])
+            earlier = np.stack([with_crosstalk(views, self.neighbours, self.tail, squared) for views in earlier])
         reading = with_afterglow(signal, self.lag, squared, before_scan, step, earlier)
         if not (slow := self.slow_lag[0]):
             return reading
@@ -339,36 +345,101 @@ def correction_polynomial(lines: np.ndarray, correction: tuple[float, float]) ->
     return inside + square * inside**2 + cube * inside**3 + slope * (lines - inside), slope
 
 
-def with_crosstalk(array: np.ndarray, neighbours: tuple[float, float], squared: bool = False) -> np.ndarray:
-    """Convolve with (c, 1 - 2c, c) along columns and rows. Pixels at an edge keep the signal that would leave.
+def with_crosstalk(
+    array: np.ndarray, neighbours: tuple[float, float], tail: float = 0.0, squared: bool = False
+) -> np.ndarray:
+    """Convolve with crosstalk along columns and rows. Signal that would leave is reflected at the detector's edges.
 
     Parameters
     ----------
     array : ndarray, shape (views, rows, columns)
     neighbours : tuple of 2 float
         c along columns and along rows.
+    tail : float, optional
+        q, as `Sharing.of` takes it.
     squared : bool, optional
         Square the weights, for variances of independent values.
     """
     for axis, share in zip((2, 1), neighbours, strict=True):
         if share and array.shape[axis] > 1:
-            array = blur_along(array, share, axis, squared)
+            sharing = Sharing.of(share, tail, array.shape[axis])
+            array = (sharing.squared() if squared else sharing).along(array, axis)
     return array
 
 
-def blur_along(array: np.ndarray, share: float, axis: int, squared: bool = False) -> np.ndarray:
-    """Return `array` convolved with (c, 1 - 2c, c), c = `share`, along one axis, as in `with_crosstalk`."""
-    middle, side = 1 - 2 * share, share
-    extra = side  # weight that a pixel at an edge has in addition to the middle weight
-    if squared:
-        middle, side, extra = middle**2, side**2, (middle + side) ** 2 - middle**2
-    array = np.moveaxis(array, axis, -1)
-    result = middle * array
-    result[..., 1:] += side * array[..., :-1]
-    result[..., :-1] += side * array[..., 1:]
-    result[..., 0] += extra * array[..., 0]
-    result[..., -1] += extra * array[..., -1]
-    return np.moveaxis(result, -1, axis)
+@dataclass(frozen=True)
+class Sharing:
+    """Symmetric convolution along one axis of a detector whose signal is reflected at both edges.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (reach + 1,)
+        Weights of a pixel and of the pixels 1, 2, ... apart.
+    edge : ndarray, shape (reach, reach)
+        Weights of the pixels next to an edge for each other in addition, by distance from the edge.
+    """
+
+    weights: np.ndarray
+    edge: np.ndarray
+
+    @classmethod
+    def of(cls, share: float, tail: float, length: int) -> Sharing:
+        """Return weights 1 - 2c, and c (1 - q) q^(n - 1) of pixel n on each side, for c = `share` and q = `tail`.
+
+        The last weight includes all further pixels: those that receive less than MIN_SIGNAL of c, as smaller signals
+        have no logarithm, and those farther away than half the length.
+
+        Parameters
+        ----------
+        length : int
+            Pixels along the axis, at least 2.
+        """
+        reach = min(math.ceil(math.log(MIN_SIGNAL) / math.log(tail)) if tail else 1, length // 2)
+        sides = share * (1 - tail) * tail ** np.arange(reach)
+        sides[-1] = share * tail ** (reach - 1)
+        return cls(np.array([1 - 2 * share, *sides]), scipy.linalg.hankel(sides))
+
+    def squared(self) -> Sharing:
+        """Return the convolution of variances of independent values."""
+        near = scipy.linalg.toeplitz(self.weights[:-1])
+        return Sharing(self.weights**2, (near + self.edge) ** 2 - near**2)
+
+    def between_neighbors(self, variance: np.ndarray, axis: int) -> np.ndarray:
+        """Return the covariance of neighbors along an axis, for variances of independent values.
+
+        This is the sum over k of M[i, k] M[i + 1, k] v[k], where M is the matrix of the convolution.
+        """
+        variance, reach = np.moveaxis(variance, axis, -1), len(self.edge)
+        products, last = self.weights[:-1] * self.weights[1:], variance.shape[-1] - 1
+        result = products[0] * (variance[..., :-1] + variance[..., 1:])
+        for apart, product in enumerate(products[1:], start=1):
+            result[..., apart:] += product * variance[..., : last - apart]
+            result[..., : last - apart] += product * variance[..., 1 + apart :]
+        far = scipy.linalg.toeplitz(self.weights)[:, :-1]
+        near = far + np.vstack([self.edge, np.zeros(reach)])
+        edge = (near[:-1] * near[1:] - far[:-1] * far[1:]).T
+        result[..., :reach] += np.dot(variance[..., :reach], edge)
+        result[..., -reach:] += np.dot(variance[..., -reach:], edge[::-1, ::-1])
+        return np.moveaxis(result, -1, axis)
+
+    @property
+    def correlations(self) -> np.ndarray:
+        """Correlations of pixels 1, 2, ... apart far from the edges, for independent values of equal variance."""
+        kernel = np.concatenate([self.weights[:0:-1], self.weights])
+        products = np.correlate(kernel, kernel, "full")[len(kernel) - 1 :]
+        return products[1:] / products[0]
+
+    def along(self, array: np.ndarray, axis: int) -> np.ndarray:
+        """Return an array convolved along an axis."""
+        array = np.moveaxis(array, axis, -1)
+        result = self.weights[0] * array
+        for apart, weight in enumerate(self.weights[1:], start=1):
+            result[..., apart:] += weight * array[..., :-apart]
+            result[..., :-apart] += weight * array[..., apart:]
+        reach = len(self.edge)
+        result[..., :reach] += np.dot(array[..., :reach], self.edge)
+        result[..., -reach:] += np.dot(array[..., -reach:], self.edge[::-1, ::-1])
+        return np.moveaxis(result, -1, axis)
 
 
 def with_afterglow(

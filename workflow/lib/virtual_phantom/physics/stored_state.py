@@ -8,7 +8,7 @@ from ..io.exchange import Physics, read_physics
 from .state import State
 
 ARRAYS = ("signal", "noise", "air", "gain", "dark")
-NUMBERS = ("photons", "electronic", "neighbours", "lag", "slow_lag", "response", "correction", "dark_air")
+NUMBERS = ("photons", "electronic", "neighbours", "tail", "lag", "slow_lag", "response", "correction", "dark_air")
 
 
 def to_store(state: State) -> Physics:

@@ -58,6 +58,7 @@ def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: st
     """Return the priors that a configuration declares, {effect: {parameter: {value, sd}}}.
 
     Design parameters of the scanner are exact, because fits do not vary them; their standard deviation is ignored.
+    Missing parameters that have a value for this case (Parameter.unstated) are exact, too.
     Error messages begin with `where`.
 
     Raises
@@ -71,11 +72,12 @@ def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: st
         if effect.pattern:
             raise InputError(f"{where}: {name} has one unknown per detector pixel, which cannot be stated; remove it")
         checked({name: {key: stated["value"] for key, stated in parameters.items()}}, where)
-        missing = [parameter.name for parameter in effect.parameters if parameter.name not in parameters]
+        unstated = {one.name: one.unstated for one in effect.parameters if one.name not in parameters}
+        missing = [key for key, value in unstated.items() if value is None]
         if missing:
             raise InputError(f"{where}.{name}: nothing is stated of {', '.join(missing)}; give value and sd")
         fixed = {parameter.name for parameter in effect.parameters if parameter.stated}
         found[name] = {
             key: Statement(stated["value"], 0.0 if key in fixed else stated["sd"]) for key, stated in parameters.items()
-        }
+        } | {key: Statement(value, 0.0) for key, value in unstated.items()}
     return found

@@ -20,10 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, signal
 
-from ...physics.state import State
+from ...physics.state import Sharing, State
 
 SEEN = 3.0  # standard errors from which a correlation is used; smaller ones change errors of sums by less than 1 %
 VIEW_LAGS = 48  # successive views whose correlations are estimated, if there are twice as many
+PIXEL_LAGS = 8  # pixels apart; at the longest tail of crosstalk, more distant pixels add 0.5 % to the variance of sums
+FAINT = 1e-4  # smaller correlations of a model are 0: they change the variance of sums by less than 0.1 %
 MEMORIES = np.linspace(0, 0.95, 96)  # factors by which correlations decay from view to view: the range of afterglow
 CALM = 0.2  # largest change of the line integral between neighboring rays used to estimate correlations
 LEAST_CALM = 0.05  # of the rays; with fewer, all rays are used
@@ -39,14 +41,14 @@ class Correlations:
 
     Attributes
     ----------
-    columns, rows : tuple of 2 float
-        Correlation of pixels one and two apart.
+    columns, rows : tuple of float
+        Correlation of pixels one, two, ... apart, two at least.
     views : tuple of 2 float
         Correlation of successive views, and the factor by which it decays with every further one.
     """
 
-    columns: tuple[float, float] = (0.0, 0.0)
-    rows: tuple[float, float] = (0.0, 0.0)
+    columns: tuple[float, ...] = (0.0, 0.0)
+    rows: tuple[float, ...] = (0.0, 0.0)
     views: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -86,8 +88,9 @@ class Correlations:
             far = np.abs(np.subtract.outer(np.arange(length), np.arange(length)))
             first, memory = self.views
             return np.where(far == 0, 1.0, first * memory ** np.maximum(far - 1.0, 0))
-        taps = np.zeros(2 * length + 2)
-        taps[:3] = (1.0, *(self.rows if axis == 1 else self.columns))
+        lags = self.rows if axis == 1 else self.columns
+        taps = np.zeros(2 * length + len(lags))
+        taps[: 1 + len(lags)] = (1.0, *lags)
         place = np.arange(length)
         total = taps[np.abs(np.subtract.outer(place, place))]
         if length == 1:
@@ -99,11 +102,11 @@ class Correlations:
 
         It is by frequency of a discrete cosine transform (II).
         """
-        near, far = self.rows if axis == 1 else self.columns
         angle = np.pi * np.arange(length) / length
         if length == 1:
             return np.ones(1)
-        return np.maximum(1 + 2 * near * np.cos(angle) + 2 * far * np.cos(2 * angle), LEAST_POWER)
+        lags = enumerate(self.rows if axis == 1 else self.columns, start=1)
+        return np.maximum(1 + sum(2 * correlation * np.cos(lag * angle) for lag, correlation in lags), LEAST_POWER)
 
     def moving_average(self) -> float:
         """Return the moving-average coefficient of the ARMA(1, 1) process with the views' correlations.
@@ -181,9 +184,9 @@ def of_state(state: State, apart: int | None = None) -> Correlations:
     colored = 1 - float(np.mean(electronic / variance))
     pixels = []
     for crosstalk, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):
-        crosstalk = crosstalk if length > 1 else 0.0
-        square = (1 - 2 * crosstalk) ** 2 + 2 * crosstalk**2
-        pixels.append((colored * 2 * crosstalk * (1 - 2 * crosstalk) / square, colored * crosstalk**2 / square))
+        sharing = Sharing.of(crosstalk if length > 1 else 0.0, state.tail, max(length, 2))
+        lags = colored * sharing.correlations
+        pixels.append(tuple(lags[: max(2, np.count_nonzero(lags > FAINT))].tolist()))
     # Sum of the products of successive weights over the sum of squares, for weights 1 - k, k (1 - d), k (1 - d) d, ...
     glow = share**2 * (1 - memory) / (1 + memory)
     views = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
@@ -353,10 +356,11 @@ def estimated(deviations, lines: np.ndarray, usable: np.ndarray, freedom: int) -
     return Correlations(*of_pixels, _of_views(lambda lag: mean(0, lag), calm.shape[0], square))
 
 
-def _of_pixels(mean, length: int, square: float) -> tuple[float, float]:
-    """Return the correlations of pixels one and two apart, edges considered; 0 if not significant.
+def _of_pixels(mean, length: int, square: float) -> tuple[float, ...]:
+    """Return the correlations of pixels one, two, ... apart, edges considered; 0 if not significant.
 
-    Mean products of n pixels mirrored at both edges are 1 + 2 r1 / n, r1 + 2 r2 / (n - 1) and r2, times a variance.
+    The mean product at lag k of n pixels mirrored at both edges is r(k) + 2 (r(k + 1) + r(k + 3) + ...) / (n - k),
+    times a variance, with r(0) = 1. The lags end before the first from lag 3 on that is not significant.
 
     Parameters
     ----------
@@ -367,14 +371,20 @@ def _of_pixels(mean, length: int, square: float) -> tuple[float, float]:
     square : float
         Mean product at lag 0.
     """
-    if length < 2:
+    found = []
+    for lag in range(1, min(length, PIXEL_LAGS + 1)):
+        product, count = mean(lag)
+        if lag != 2 and abs(product) * np.sqrt(count) < SEEN * square:
+            break
+        found.append(product)
+    if not found:
         return 0.0, 0.0
-    (near, count), (far, _) = mean(1), mean(2) if length > 2 else (0.0, 0.0)
-    if abs(near) * np.sqrt(count) < SEEN * square:
-        return 0.0, 0.0
-    first = near - 2 * far / (length - 1)
-    variance = square - 2 * first / length
-    return first / variance, far / variance
+    for lag in range(len(found), -1, -1):  # found[lag - 1] is of this lag
+        of_edges = 2 * sum(found[lag::2]) / (length - lag)
+        if lag:
+            found[lag - 1] -= of_edges
+    variance = square - of_edges
+    return tuple(product / variance for product in (*found, *[0.0] * (2 - len(found))))
 
 
 def _of_views(mean, length: int, square: float) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..state import State, blur_along, interpolate_views, with_afterglow
+from ..state import Sharing, State, interpolate_views, with_afterglow, with_crosstalk
 
 AXES = (2, 1, 0)  # columns, rows, views: order of the correlations, as axes of arrays [view, row, column]
 
@@ -49,19 +49,14 @@ def _covariance(state: State, axis: int) -> np.ndarray | None:
     quantum, length = state.noise / state.photons, state.signal.shape[axis]
     if length < 2:
         return None
-    for other, share in zip((2, 1), state.neighbours, strict=True):
-        if other != axis and share and quantum.shape[other] > 1:
-            quantum = blur_along(quantum, share, other, squared=True)
+    others = tuple(0.0 if of == axis else share for of, share in zip((2, 1), state.neighbours, strict=True))
+    quantum = with_crosstalk(quantum, others, state.tail, squared=True)
     if axis == 0:
         return _covariance_of_views(quantum, state.lag, state.geometry.views_apart) if state.lag[0] else None
     share = state.neighbours[0 if axis == 2 else 1]
     if not share:
         return None
-    # Two neighbors share the quanta of both pixels: covariance = c (1 - 2c) (q_1 + q_2). Pixels at an edge keep 1 - c.
-    keeps = np.full(length, 1 - 2 * share)
-    keeps[[0, -1]] += share
-    kept = quantum * (keeps if axis == 2 else keeps[:, None])
-    pairs = share * (np.take(kept, range(length - 1), axis) + np.take(kept, range(1, length), axis))
+    pairs = Sharing.of(share, state.tail, length).between_neighbors(quantum, axis)
     return with_afterglow(pairs, state.lag, squared=True, step=state.geometry.views_apart)
 
 
