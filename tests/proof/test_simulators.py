@@ -21,7 +21,7 @@ from virtual_phantom.physics.scenes.shapes import ShapesScene
 from virtual_phantom.proof.hiding import gvirtualxray, suite
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.generate import ENERGY_OF_WATER, acquire, scan_of
-from virtual_phantom.proof.hiding.gvirtualxray import energy_of_water, lagging, scattered
+from virtual_phantom.proof.hiding.gvirtualxray import energy_of_water, lagging, scattered, shared
 from virtual_phantom.proof.hiding.hidden_effect import READOUT_KEV
 from virtual_phantom.proof.hiding.imperfections import SMALL
 from virtual_phantom.proof.hiding.materials import IN_LIBRARY
@@ -123,6 +123,19 @@ def test_undeclared_deviations_of_the_largest_body_are_irrelevant(tmp_path):
         settings, _ = CATALOGUE[name].make(SMALL[name] * CATALOGUE[name].ranges[0][0], np.random.default_rng(2))
         change = np.abs(ndimage.uniform_filter(image(settings) - exact, 8)[inside]).max()
         assert 0 < change < 1, name
+
+
+def test_light_spreads_from_a_depth_of_one_pixel():
+    """Shares in proportion to 1 / (1 + n^2): the integral of (1 + x^2 + y^2)^(-3/2) over y is 2 / (1 + x^2)."""
+    counts = np.zeros((9, 11, 1))
+    counts[4, 5] = 1
+    y = np.linspace(-2000, 2000, 4_000_001)
+    light = np.array([np.trapezoid((1 + n**2 + y**2) ** -1.5, y) for n in (1, 2, 3)])
+    side = 0.1 * light / light.sum()
+    row = [0, 0, *side[::-1], 0.8, *side, 0, 0]
+    np.testing.assert_allclose(shared(counts, 0.1, 0.0)[4, :, 0], row, atol=1e-7)
+    np.testing.assert_allclose(shared(counts, 0.0, 0.1)[1:8, 5, 0], row[2:9], atol=1e-7)
+    assert shared(counts, 0.1, 0.05).sum() == pytest.approx(1)
 
 
 def test_noise_of_gvirtualxray_is_that_of_photons_and_electronics(monkeypatch):

@@ -72,7 +72,7 @@ def _focal_spot(size, random):
 def _crosstalk(setting):
     def make(size, random):
         row = size * float(random.uniform(0.5, 1.0))
-        return {setting: (size, row)}, {"column": size, "row": row}
+        return {setting: (size, row)}, {"column": size, "row": row, "tail": 0.0}
 
     return make
 
@@ -239,7 +239,7 @@ OWN_EQUATION = {
     GVXR: ("centre_of_rotation", "hu_calibration", "veiling_glare", "electronic_noise", "photon_flux"),
 }
 NOT_SIMULATED = {XCIST: (), GVXR: ("bowtie", "off_focal_radiation", "k_edge_filter")}
-# Not comparable with the library: crosstalk beyond the next pixel, and several decay times.
+# Not comparable with the library: crosstalk that is not geometric, and several decay times.
 DEFINED_OTHERWISE = {XCIST: (), GVXR: ("xray_crosstalk", "optical_crosstalk", "afterglow")}
 
 

@@ -162,15 +162,17 @@ def scattered(mean: np.ndarray, air: np.ndarray, scan: Scan) -> np.ndarray:
 
 
 def shared(counts: np.ndarray, column: float, row: float) -> np.ndarray:
-    """Spread counts, shape (..., rows, columns, energies), with exponential tails over several neighbors.
+    """Spread counts, shape (..., rows, columns, energies), over several neighbors.
 
-    `column` and `row` are the sums of the tails on either side.
+    Light from a point at depth h in the scintillator, with h = 1 pixel, gives an irradiance on the photodiodes in
+    proportion to h (h^2 + r^2)^(-3/2). Its integral along the other axis, the line spread function, is in proportion to
+    1 / (h^2 + x^2). `column` and `row` are the sums of the shares on either side, up to CROSSTALK_REACH.
     """
     for axis, share in ((-2, column), (-3, row)):
         if share:
-            tail = np.exp(-1.5 * np.arange(1, CROSSTALK_REACH + 1))
-            tail *= share / tail.sum()
-            kernel = np.concatenate([tail[::-1], [1 - 2 * share], tail])
+            side = 1 / (1 + np.arange(1, CROSSTALK_REACH + 1) ** 2)
+            side *= share / side.sum()
+            kernel = np.concatenate([side[::-1], [1 - 2 * share], side])
             shape = [1] * counts.ndim
             shape[axis] = len(kernel)
             counts = signal.oaconvolve(counts, kernel.reshape(shape), mode="same", axes=axis)
