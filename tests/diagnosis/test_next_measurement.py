@@ -241,8 +241,8 @@ def test_unconstrained_parameters_are_not_the_target():
         )
     }
     gains = [rank(prepared, one, [], some).ranked[0].gain for one in (fits, far)]
-    # One parameter: the share to the next column.
-    assert gains[0] == pytest.approx(gains[1], rel=1e-6) and 0.2 < gains[0] < 0.5 * np.log(2) * 1.05
+    # Two parameters: the share to other columns and its tail.
+    assert gains[0] == pytest.approx(gains[1], rel=1e-6) and 0.4 < gains[0] < 2 * 0.5 * np.log(2) * 1.05
 
 
 def test_recordings_of_several_protocols_share_only_scanner_parameters():
