@@ -37,7 +37,7 @@ def test_chords_of_a_disc_are_exact_to_a_fifth_of_a_voxel(radius, center):
 @pytest.mark.parametrize("waves", [{}, {2: 0.15}, {3: 0.08, 5: 0.04}])
 @pytest.mark.parametrize("radius", [6.0, 12.0, 25.0, 60.0])
 def test_the_unknown_part_is_the_error_of_chords(radius, waves):
-    """UNKNOWN belongs to a standard deviation of 0.33 voxels of the two edges of a ray."""
+    """UNKNOWN stands for an SD of 0.33 voxels of the two edges of a ray; curves have three times their variance."""
     errors, expected, random = [], [], np.random.default_rng(6)
     for _ in range(16 if radius < 20 else 4):
         y, x, turn = random.uniform(-0.5, 0.5, 3)
@@ -52,7 +52,9 @@ def test_the_unknown_part_is_the_error_of_chords(radius, waves):
         error = np.clip(0.5 + distance, 0, 1).sum(axis=1)[0] - chord
         errors.append(error[(chord > 2) & (abs(np.gradient(chord)) < 3)])
         expected.append(0.33**2 * unknown.min() / UNKNOWN)
-    assert 0.4 < np.mean(np.concatenate(errors) ** 2) / np.mean(expected) < 1.3
+    ratio = np.mean(np.concatenate(errors) ** 2) / np.mean(expected)
+    assert ratio < 0.7
+    assert ratio > 0.13 or unknown.min() == UNKNOWN  # the largest value, which curves with many coefficients have
 
 
 def test_a_curve_is_better_than_smoothing_where_a_surface_is_parallel_to_the_grid():

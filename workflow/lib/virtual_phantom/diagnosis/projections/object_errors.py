@@ -49,11 +49,10 @@ EDGES = {
     SHARP_EDGES: ("fitted", "sharp", 0.5, 0.5),
     FINER_EDGES: ("fitted", "sharp", 1.0, 0.5),
 }
-# Parts of voxels, a third of a pixel wide at the isocenter; half as wide for labels that are constant along z, where
-# this costs little. In a bench object with voxels of a third of a pixel, line integrals are then wrong by 0.0008 (RMS),
-# else by 0.0015.
-PARTS_PER_PIXEL, PARTS_PER_PIXEL_OF_PRISMS = 3, 6
-MOST_PARTS, WIDER = 4, 0.1  # parts; a part may be wider by this share, so that a fitted magnification changes nothing
+# Parts of voxels, a third of a pixel wide at the isocenter; those of labels half as wide in the plane. In a bench
+# object with voxels of a third of a pixel, line integrals are then wrong by 0.0008 (RMS), else by 0.0015.
+PARTS_PER_PIXEL, PARTS_PER_PIXEL_OF_LABELS = (3, 3, 3), (3, 6, 6)
+MOST_PARTS, WIDER = 4, 0.1  # a part may be wider by this share, so that a fitted magnification changes nothing
 MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
 # Variance of the attenuation in a voxel of shares or HU that remains unknown, relative to GridScene.variance. (Labels
 # have label_surfaces.UNKNOWN.) The position of an edge follows from the share and its gradient. Measured for random
@@ -129,7 +128,7 @@ class EdgeScenes:
             "blurred": blurred,
             "variance": unknown_variance(scene, best) if binary else scene.variance(shares),
             # Its difference from the stated scene shows the extent of errors of edges.
-            "rough": rough.attenuation(parts) if binary else sharp if divided else blurred,
+            "rough": rough.attenuation() if binary else sharp if divided else blurred,
         }
         names = (EDGE_BLUR, sharper) if divided or terraced else (EDGE_BLUR,)
         return cls(names, scenes, scene.grid.spacing[2] * (1.0 if binary else UNKNOWN_OF_SHARES))
@@ -537,8 +536,8 @@ def parts_of_voxels(scene: GridScene, geometry: ScanGeometry) -> tuple[int, int,
     pixel = np.array([geometry.row_pitch_mm, *2 * (geometry.column_pitch_mm,)]) / geometry.magnification
     shape = np.array(scene.grid.shape)
     most = min(MOST_PARTS, max(1, int((MOST_VOXELS / shape.prod()) ** (1 / (shape > 1).sum()))))
-    wanted = PARTS_PER_PIXEL_OF_PRISMS if scene.is_binary and shape[0] == 1 else PARTS_PER_PIXEL
-    parts = np.ceil(wanted * np.array(scene.grid.spacing) / pixel - WIDER).clip(1, most)
+    wanted = np.array(PARTS_PER_PIXEL_OF_LABELS if scene.is_binary else PARTS_PER_PIXEL)
+    parts = np.ceil(wanted * scene.grid.spacing / pixel - WIDER).clip(1, most)
     return tuple(np.where(shape > 1, parts, 1).astype(int).tolist())
 
 

@@ -31,12 +31,12 @@ SMOOTHED_POINTS = 3.0  # SD of the Gaussian that makes the length along a contou
 POINTS = 4  # of a curve, per point of the contour
 # Variance of the attenuation in a voxel that remains unknown, relative to that of a share of unknown size.
 # - where no curve fits: with 0.5, the two edges of a ray have an SD of 0.33 voxels (0.22 to 0.28 measured, see SIGMA)
-# - of a curve: per coefficient and point of the contour, and of any curve. Measured for discs with radii of 2 to 50
-#   voxels, whose chords have a variance of 0.18 x coefficients / points + 0.004 squared voxels (seed 5).
-UNKNOWN, UNKNOWN_OF_COEFFICIENTS, UNKNOWN_OF_CURVE = 0.5, 0.83, 0.018
+# - of a curve: per coefficient and point of the contour, and of any curve. Chords of discs with radii of 2 to 50 voxels
+#   have a variance of 0.18 x coefficients / points + 0.004 squared voxels (seed 5). Errors of a curve are smooth, so
+#   that more rays vary together than terraces show (Edges.unknown). The variance is therefore multiplied by 3; with 1,
+#   blur was named in four of 31 scans of labels with nothing hidden (opened seed 2647202001).
+UNKNOWN, UNKNOWN_OF_COEFFICIENTS, UNKNOWN_OF_CURVE = 0.5, 2.5, 0.055
 NEAR = 2  # voxels on either side of a surface that may have a partial volume
-
-
 FAR = 1e3  # distance of voxels that are not near a surface, voxels
 LEAST_SUM = 0.02  # of the shares of all materials in a voxel
 
