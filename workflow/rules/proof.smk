@@ -81,7 +81,7 @@ rule proof_diagnosis:
     benchmark:
         results("logs/proof/diagnosis_{case}.benchmark.tsv")
     resources:
-        mem_mb=2500,
+        mem_mb=3500,
         runtime=60,
     params:
         model=lambda wildcards: to_mapping(proof.model(wildcards.case)),

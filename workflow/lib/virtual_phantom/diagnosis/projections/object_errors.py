@@ -177,7 +177,7 @@ def unknown_variance(labels: GridScene, best: GridScene) -> GridScene:
     margin = [((wide - n) // 2,) * 2 for wide, n in zip(best.grid.shape, labels.grid.shape, strict=True)]
     variance = labels.with_amounts(np.pad(labels.amounts, [(0, 0), *margin])).variance()
     more = [((wide - n) // 2,) * 2 for wide, n in zip(variance.grid.shape, best.grid.shape, strict=True)]
-    return variance.with_amounts(variance.amounts * np.pad(best.surfaces.unknown, more, mode="edge"))
+    return variance.with_amounts(variance.amounts * np.pad(best.surfaces.unknown_field, more, mode="edge"))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from ...base.units import HU_AIR
 from ...physics.beam.materials import Material
-from ...physics.scenes.label_surfaces import FAR, shares_at
+from ...physics.scenes.label_surfaces import shares_at
 from ...physics.scenes.scene import GridScene
 from ...physics.scenes.shapes import NOTHING
 
@@ -77,10 +77,8 @@ class LabelSurfaces:
     ----------
     scene : GridScene
         By GridScene.with_partial_volumes.
-    near : ndarray of bool, shape (z, y, x)
-        Voxels near a surface.
     distance : ndarray, shape (materials + 1, near voxels)
-        As label_surfaces.Surfaces.distance.
+        As label_surfaces.Surfaces.distance, with the displacements.
     moved : dict of str to tuple of 2 ndarray
         By name of the part: the near voxels whose surfaces move with it, and the displacement of the surface of every
         material there if the part grows by 1. Where a part grows, its neighbors shrink.
@@ -89,7 +87,6 @@ class LabelSurfaces:
     """
 
     scene: GridScene
-    near: np.ndarray
     distance: np.ndarray
     moved: dict[str, tuple[np.ndarray, np.ndarray]]
     by_mm: Mapping[str, float] = field(default_factory=dict)
@@ -97,16 +94,15 @@ class LabelSurfaces:
     @classmethod
     def of(cls, scene: GridScene, parts: Mapping[str, Part]) -> LabelSurfaces:
         """Return the surfaces of a scene and its parts."""
-        distance, materials = scene.surfaces.distance, (*scene.materials, NOTHING)
-        near = (np.abs(distance) < FAR).any(axis=0)
+        materials = (*scene.materials, NOTHING)
         moved = {
             name: (
-                np.flatnonzero(own[near]),
+                np.flatnonzero(own[scene.surfaces.near]),
                 np.array([[1.0 if one == parts[name].material else -1.0] for one in materials], np.float32),
             )
             for name, own in own_surfaces(parts).items()
         }
-        return cls(scene, near, distance[:, near], moved)
+        return cls(scene, scene.surfaces.distance, moved)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -130,16 +126,17 @@ class LabelSurfaces:
     def attenuation(self) -> np.ndarray:
         """Attenuation with the displaced surfaces, 1/mm, shape (z, y, x)."""
         found = np.tensordot(self.scene.attenuation_per_mm.astype(np.float32), self.scene.amounts, 1)
-        found[self.near] = self._mixed(self.distance)
+        found[self.scene.surfaces.near] = self._mixed(self.distance)
         return found
 
     @property
     def growth(self) -> dict[str, np.ndarray]:
         """Change of the attenuation by name of the part, 1/mm^2."""
-        found, places = {}, np.flatnonzero(self.near)
+        near, found = self.scene.surfaces.near, {}
+        places = np.flatnonzero(near)
         for name, (at, outwards) in self.moved.items():
             low, high = (self._mixed(self.distance[:, at] + side * STEP_VOXELS * outwards) for side in (-1, 1))
-            found[name] = np.zeros(self.near.shape, np.float32)
+            found[name] = np.zeros(near.shape, np.float32)
             found[name].ravel()[places[at]] = (high - low) / (2 * STEP_VOXELS * self.spacing_mm[2])
         return found
 

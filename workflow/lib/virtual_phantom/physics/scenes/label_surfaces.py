@@ -47,12 +47,15 @@ class Surfaces:
 
     Attributes
     ----------
-    distance : ndarray of float32, shape (materials + 1, z, y, x)
+    near : ndarray of bool, shape (z, y, x)
+        Voxels near a surface.
+    distance : ndarray of float32, shape (materials + 1, near voxels)
         By material, as `distances`; the last one is of empty space.
-    unknown : ndarray of float32, shape (z, y, x)
-        Unknown part of the variance in a voxel.
+    unknown : ndarray of float32, shape (near voxels,)
+        Unknown part of the variance.
     """
 
+    near: np.ndarray
     distance: np.ndarray
     unknown: np.ndarray
 
@@ -61,8 +64,17 @@ class Surfaces:
         """Return the surfaces of materials of which a voxel has one or none; `contours` as in `distances`."""
         empty = 1 - amounts.sum(axis=0, keepdims=True)
         found = [distances(share, contours) for share in np.concatenate([amounts, empty])]
+        near = np.any([np.abs(distance) < FAR for distance, _ in found], axis=0)
         # Next to a surface without a curve, another material may have one.
-        return cls(np.stack([distance for distance, _ in found]), np.min([unknown for _, unknown in found], axis=0))
+        unknown = np.min([unknown[near] for _, unknown in found], axis=0)
+        return cls(near, np.stack([distance[near] for distance, _ in found]), unknown)
+
+    @property
+    def unknown_field(self) -> np.ndarray:
+        """Unknown part of the variance in all voxels, shape (z, y, x)."""
+        found = np.full(self.near.shape, UNKNOWN, np.float32)
+        found[self.near] = self.unknown
+        return found
 
 
 def shares_at(distance: np.ndarray) -> np.ndarray:

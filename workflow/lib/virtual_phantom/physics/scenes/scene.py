@@ -124,7 +124,8 @@ class GridScene(Scene):
         """
         amounts = np.pad(self.amounts, ((0, 0), (0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)))
         surfaces = Surfaces.of(amounts, contours)
-        scene = self.with_amounts(shares_at(surfaces.distance)[:-1])
+        amounts[:, surfaces.near] = shares_at(surfaces.distance)[:-1]
+        scene = self.with_amounts(amounts)
         scene.surfaces = surfaces
         return scene
 
