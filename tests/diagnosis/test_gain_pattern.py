@@ -31,3 +31,20 @@ def test_columns_with_little_noise_show_a_pattern_below_the_noise_of_others():
     values, errors = (np.array([getattr(pattern, key) for pattern in found]) for key in ("rms", "error"))
     assert values.mean() == pytest.approx(0.001, rel=0.03)
     assert values.std() == pytest.approx(errors.mean(), rel=0.25)
+
+
+def test_pixels_without_neighbors_show_no_pattern():
+    """They have no rough part: a lone pixel among missing ones, and detectors too small for a smooth part."""
+    random = np.random.default_rng(5)
+    for shape, good in (
+        ((20, 4, 60), np.arange(60) == 30),
+        ((20, 4, 5), np.ones(5, bool)),
+        ((20, 4, 60), np.zeros(60)),
+    ):
+        found = estimate(random.standard_normal(shape), np.broadcast_to(good * 1.0, shape))
+        assert (found.rms, found.p) == (0.0, 1.0)
+        assert not found.values.any()
+    residual = 0.01 * random.standard_normal((20, 4, 60))
+    weight = np.where((np.arange(60) < 40) | (np.arange(60) == 55), 1e4, 0) * np.ones(residual.shape)
+    alone, without = estimate(residual, weight), estimate(residual, np.where(np.arange(60) == 55, 0, weight))
+    assert alone.p == pytest.approx(without.p, rel=1e-6)

@@ -14,6 +14,9 @@ from scipy import ndimage, optimize, stats
 from .whitening import Whitening
 
 SMOOTH_FACTOR = 3.0  # of the variance expected of the smooth part
+LEAST_ROUGH = (
+    1e-9  # share of a pixel's variance in the rough part, without which it has no neighbors: more than rounding
+)
 SMOOTH_PX = 3.0  # width of the Gaussian that gives the smooth part, which may be other physics
 
 
@@ -94,10 +97,13 @@ def estimate(
     mean, total = _mean(residual, weight, sums)
     good = total > 0
     noise = np.where(good, 1 / np.where(good, total, 1), 0)
-    if not good.any():
-        return Pattern(mean, noise, np.zeros_like(noise), smooth, 0.0, 0.0)
     rough, left = _without_smooth(mean, good)
-    square, rough_noise = rough[good] ** 2 / left, _noise_without_smooth(noise, good)[good] / left
+    rough_noise = _noise_without_smooth(noise, good)
+    shown = good & (rough_noise > LEAST_ROUGH * noise)
+    if not shown.any():
+        none = np.zeros_like(mean)
+        return Pattern(none, none, none, smooth, 0.0, 0.0)
+    square, rough_noise = rough[shown] ** 2 / left, rough_noise[shown] / left
     variance, ratio = _variance(square, rough_noise)
     rms = float(np.sqrt(variance))
     of_variance = float(np.sqrt(2 / ((variance + rough_noise) ** -2).sum()))
