@@ -14,9 +14,7 @@ from scipy import ndimage, optimize, stats
 from .whitening import Whitening
 
 SMOOTH_FACTOR = 3.0  # of the variance expected of the smooth part
-LEAST_ROUGH = (
-    1e-9  # share of a pixel's variance in the rough part, without which it has no neighbors: more than rounding
-)
+LEAST_ROUGH = 1e-9  # share of a pixel's variance in its rough part: more than rounding errors
 SMOOTH_PX = 3.0  # width of the Gaussian that gives the smooth part, which may be other physics
 
 
