@@ -54,7 +54,7 @@ HIDDEN = {
     "scatter": {"amount": 0.02, "width_mm": 60.0},
     "detector_offset": {"columns_px": 0.02},
     "electronic_noise": {"photons": 40.0},
-    "optical_crosstalk": {"column": 0.03, "row": 0.03},
+    "optical_crosstalk": {"column": 0.03, "row": 0.03, "tail": 0.0},
     "gain_pattern": {"rms": 0.004, "detector": 3.0},
     "motion": load("motion").values({"x_mm_per_s": 1 / 0.6}),
     "photon_flux": {"factor": 0.8},

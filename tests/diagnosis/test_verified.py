@@ -17,6 +17,7 @@ from virtual_phantom.base.settings import from_mapping
 from virtual_phantom.config.config import complete
 from virtual_phantom.diagnosis.fitting.fit import Fit
 from virtual_phantom.diagnosis.fitting.trial import Trial, trial
+from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.scanned_object import mask_scene
 from virtual_phantom.diagnosis.selection import forward_selection
@@ -348,19 +349,16 @@ def test_effect_without_template_is_fitted(scored, monkeypatch):
 
 
 def test_p_values_follow_chi_square():
-    """One parameter:
-
-    a likelihood ratio of 3.84 has p = 0.05 (chi-square tables). A gain pattern has a constant per pixel; its p-value is
-    that of its size: 1.645 standard errors.
-    """
+    """A likelihood ratio of 3.84 has p = 0.05 for one parameter (tables). A gain pattern has a p-value of its own."""
     without = Fit((), {}, {}, {}, {}, 100.0, (), 0)
     one = Fit(("scatter",), {}, {}, {}, {}, 100 - 3.841459, (), 1)
     assert forward_selection.effect_p_value(one, without, "scatter") == pytest.approx(0.05, abs=1e-6)
-    rms, error = {"gain_pattern": {"rms": 0.001644854}}, {"gain_pattern": {"rms": 0.001}}
-    rings = Fit(("gain_pattern",), rms, error, {}, {}, 0.0, (), 1)
-    assert forward_selection.effect_p_value(rings, without, "gain_pattern") == pytest.approx(0.05, abs=1e-6)
-    none = replace(rings, physics={"gain_pattern": {"rms": 0.0}})
-    assert forward_selection.effect_p_value(none, without, "gain_pattern") == 1.0
+    random = np.random.default_rng(1)
+    residual = random.standard_normal((40, 4, 60)) + 0.05 * random.standard_normal((4, 60))
+    pattern = estimate(residual, np.ones(residual.shape))
+    assert 1e-6 < pattern.p < 0.5
+    rings = Fit(("gain_pattern",), {}, {}, {}, {}, 0.0, (), 1, pattern=pattern)
+    assert forward_selection.effect_p_value(rings, without, "gain_pattern") == pattern.p
 
 
 def test_gain_within_model_error_is_no_evidence(scored):

@@ -22,6 +22,7 @@ from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.example import example, in_words, residual_maps
 from virtual_phantom.proof.scoring.real import minutes, row
 from virtual_phantom.proof.scoring.registration import registration
+from virtual_phantom.proof.scoring.rule import VERSION
 from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.proof import blind_validation_page, percent
 
@@ -41,7 +42,7 @@ def made(tmp_path_factory):
     inputs = Given(write_suite(folder), maps=[folder / "diagnosis" / truth["case"] / "maps" for truth in TRUTHS])
     registered = registration({"seed": 4711}, TRUTHS, inputs["seals"])
     seal.write(registered, folder / "registration.json")
-    inputs |= {"real": [], "real_maps": [], "times": [], "registration": folder / "registration.json"}
+    inputs |= {"real": [], "real_maps": [], "times": [], "visibility": [], "registration": folder / "registration.json"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
     output = Given({name: folder / name.replace("_", ".") for name in names})
     output |= {"score": folder / "score.json", "page": folder / "index.html"}
@@ -63,7 +64,9 @@ def test_job_writes_everything(made):
 def test_page_shows_the_registration_and_the_origin_of_the_models(made):
     text = " ".join(made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ").split())
     assert "Number of starts: 0." in text
-    assert "This run does not count: its seed was chosen" in text and "seed 4711, 9 cases, scoring rule 3" in text
+    assert (
+        "This run does not count: its seed was chosen" in text and f"seed 4711, 9 cases, scoring rule {VERSION}" in text
+    )
     assert '"event": "scored"' in made["runs"].read_text()
     never = (
         "contrast dependent resolution, crescent, current along z, detector roll, detector skew, detector tilt, "

@@ -79,7 +79,7 @@ class EdgeScenes:
     Attributes
     ----------
     names : tuple of str
-        Of EDGES, the changes that the object has.
+        Changes that the object has, keys of EDGES.
     scenes : dict of str to GridScene
         By name: attenuation or, for "variance", its unknown part.
     unknown_mm : float
