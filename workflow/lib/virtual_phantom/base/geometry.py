@@ -260,6 +260,18 @@ class OrbitGeometry(ScanGeometry):
             spots_mm=self.spots_mm[views % len(self.spots_mm)] if len(self.spots_mm) > 1 else self.spots_mm,
         )
 
+    def divided(self, rows: int, columns: int) -> OrbitGeometry:
+        """Return the scan with every pixel divided into `rows` times `columns` pixels."""
+        return replace(
+            self,
+            rows=self.rows * rows,
+            columns=self.columns * columns,
+            row_pitch_mm=self.row_pitch_mm / rows,
+            column_pitch_mm=self.column_pitch_mm / columns,
+            row_offset_px=self.row_offset_px * rows,
+            column_offset_px=self.column_offset_px * columns,
+        )
+
     def turned(self, angle_rad: float) -> OrbitGeometry:
         """Return the scan with source and detector turned about z, from +x to +y."""
         return replace(self, angles_rad=self.angles_rad + angle_rad)

@@ -8,7 +8,6 @@ file give path lengths through other materials, which are subtracted from those 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -109,15 +108,7 @@ def finer_geometry(path: Path, geometry: OrbitGeometry) -> OrbitGeometry:
         count // stated if count % stated == 0 and 1 < count // stated <= MOST_FINER else 1
         for count, stated in zip(shape[1:], (geometry.rows, geometry.columns), strict=True)
     )
-    return replace(
-        geometry,
-        rows=geometry.rows * down,
-        columns=geometry.columns * across,
-        row_pitch_mm=geometry.row_pitch_mm / down,
-        column_pitch_mm=geometry.column_pitch_mm / across,
-        row_offset_px=geometry.row_offset_px * down,
-        column_offset_px=geometry.column_offset_px * across,
-    )
+    return geometry.divided(down, across)
 
 
 def rays_of_simulation(scene: Scene, shape: tuple[int, int, int]) -> int | None:

@@ -11,10 +11,11 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.geometry import OrbitGeometry
 from ...base.proof_settings import ProofSettings
 from ...base.streams import Stream
 from ...physics.scenes.shapes import ShapesScene, ellipsoid
@@ -26,7 +27,7 @@ from .objects import ScannedObject, imperfect
 from .suite import World, scan_seed
 from .xcist import Acquired, Scan
 
-DIVIDED = (4, 1)  # rays per pixel along columns and rows
+DIVIDED = (1, 4)  # rays per pixel along rows and columns
 STEP_MM, STEP_DEG = 0.1, 0.1  # for derivatives by shape and pose
 # Standard deviations of the uniform distributions from which the errors are drawn.
 HU_SD, SHAPE_SD = HU_ERROR / 3**0.5, (sum(side**2 for side in SHAPE_MM) / 2) ** 0.5
@@ -59,18 +60,17 @@ def snr(truth: Mapping, settings: ProofSettings, mu_water_per_mm: float) -> dict
     """
     world, wanted = World.of(truth), settings.scan
     stated, kev = world.stated(settings.seed), ENERGY_OF_WATER[world.simulator](mu_water_per_mm)
-    seed = scan_seed(settings.seed, world.number).spawn(2)[0]
+    orbit, seed = world.orbits(settings)[0], scan_seed(settings.seed, world.number).spawn(2)[0]
 
     def expected(effects: list) -> Expected:
         hidden = hidden_settings(truth | {"effects": effects})
-        scan = scan_of(world.orbits(settings)[0], wanted.photons, wanted.rotation_time_ms, kev, hidden)
+        scan = scan_of(orbit, wanted.photons, wanted.rotation_time_ms, kev, hidden)
         return _expected(world.simulator, scan, stated, truth["imperfections"], mu_water_per_mm, seed)
 
     hidden = truth["effects"]
     with_all = expected(hidden)
     without = {one["name"]: expected([other for other in hidden if other is not one]) for one in hidden}
     changes = {name: _change(with_all, one) for name, one in without.items()}
-    orbit = world.orbits(settings)[0]
     geometry = scan_geometry(orbit.recorded(wanted.rotation_time_ms), truth["case"])
     attenuation = ATTENUATION[world.simulator](kev)
     errors = _errors(stated, truth["imperfections"], geometry, attenuation, mu_water_per_mm)
@@ -107,7 +107,7 @@ def _change(one: Expected, other: Expected) -> np.ndarray:
 
 
 def _errors(
-    stated: ScannedObject, errors: Mapping, geometry, attenuation: Attenuation, mu_water_per_mm: float
+    stated: ScannedObject, errors: Mapping, geometry: OrbitGeometry, attenuation: Attenuation, mu_water_per_mm: float
 ) -> list[np.ndarray]:
     """Return the changes, shape (2 * rays,), by one standard deviation of each error of object, pose and dose."""
 
@@ -129,24 +129,18 @@ def _errors(
     return [*(np.concatenate([one.ravel(), np.zeros(rays)]) for one in found), dose]
 
 
-def _lines(scanned: ScannedObject, geometry, attenuation: Attenuation, mu_water_per_mm: float) -> np.ndarray:
+def _lines(
+    scanned: ScannedObject, geometry: OrbitGeometry, attenuation: Attenuation, mu_water_per_mm: float
+) -> np.ndarray:
     """Return the line integrals of the monochromatic beam through an object without its hidden changes."""
-    columns, rows = DIVIDED
-    fine = replace(
-        geometry,
-        columns=geometry.columns * columns,
-        rows=geometry.rows * rows,
-        column_pitch_mm=geometry.column_pitch_mm / columns,
-        row_pitch_mm=geometry.row_pitch_mm / rows,
-        column_offset_px=geometry.column_offset_px * columns,
-        row_offset_px=geometry.row_offset_px * rows,
-    )
+    rows, columns = DIVIDED
     shapes = [
         ellipsoid(str(number), part.centre_mm, part.semi_axes_mm, part.turn_deg)
         for number, part in enumerate(scanned.parts)
     ]
     each = [part.attenuation_per_mm(attenuation, mu_water_per_mm) for part in scanned.parts]
-    passed = np.exp(-np.tensordot(each, ShapesScene(shapes).path_lengths(fine).astype(float), 1))
+    lengths = ShapesScene(shapes).path_lengths(geometry.divided(rows, columns)).astype(float)
+    passed = np.exp(-np.tensordot(each, lengths, 1))
     views, shape = len(passed), (geometry.rows, rows, geometry.columns, columns)
     return -np.log(passed.reshape(views, *shape).mean(axis=(2, 4)))
 
