@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.physics.scenes.label_surfaces import UNKNOWN, distances, partial_volumes
+from virtual_phantom.physics.scenes.label_surfaces import UNKNOWN, distances
 from virtual_phantom.physics.scenes.scene import VoxelScene
 
 FINE = 16  # parts of a voxel along each side
@@ -18,6 +18,11 @@ def section(inside, side, fine=1):
     along = (np.arange(side * fine) + 0.5) / fine - side / 2
     found = inside(*np.meshgrid(along, along, indexing="ij")).reshape(side, fine, side, fine)
     return found.mean(axis=(1, 3), dtype=np.float32)[None]
+
+
+def partial_volumes(share, contours):
+    """Share of each voxel that the material fills."""
+    return np.clip(0.5 + distances(share, contours)[0], 0, 1)
 
 
 def disc(radius, y, x):

@@ -83,11 +83,6 @@ def shares_at(distance: np.ndarray) -> np.ndarray:
     return found / np.maximum(found.sum(axis=0), LEAST_SUM)
 
 
-def partial_volumes(share: np.ndarray, contours: bool) -> np.ndarray:
-    """Return the share of each voxel that a material fills; arguments as `distances`."""
-    return np.clip(0.5 + distances(share, contours)[0], 0, 1)
-
-
 def distances(share: np.ndarray, contours: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the distance of each voxel from the surface, and the unknown part of its variance (UNKNOWN).
 

@@ -120,7 +120,7 @@ class GridScene(Scene):
         Parameters
         ----------
         contours : bool, optional
-            Whether surfaces follow contours (label_surfaces.partial_volumes).
+            Whether surfaces follow contours (label_surfaces.distances).
         """
         amounts = np.pad(self.amounts, ((0, 0), (0, 0), (MARGIN, MARGIN), (MARGIN, MARGIN)))
         surfaces = Surfaces.of(amounts, contours)
