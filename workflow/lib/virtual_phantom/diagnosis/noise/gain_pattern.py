@@ -149,7 +149,8 @@ def _widths(shape: tuple[int, ...]) -> list[float]:
 def _without_smooth(mean: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the rough part, and the share of a white pattern's variance that it keeps."""
     rough = np.where(good, mean - _smoothed(np.where(good, mean, 0)) / _cover(good), 0)
-    return rough, float(((_impulse(good) - _smoothed(_impulse(good))) ** 2).sum())
+    impulse = _impulse(good)
+    return rough, float(((impulse - _smoothed(impulse)) ** 2).sum())
 
 
 def _noise_without_smooth(noise: np.ndarray, good: np.ndarray) -> np.ndarray:

@@ -460,25 +460,22 @@ class StatedObject:
         if isinstance(surfaces, LabelSurfaces):
             parts = parts_of_voxels(self.scene, geometry)
             sharp = (sharpened(one.attenuation, parts) for one in (moved, surfaces))
-            ends = [self._best.with_amounts(values[None], parts) for values in sharp]
+            ends, left = [self._best.with_amounts(values[None], parts) for values in sharp], SURFACES_LEFT_OF_LABELS
         else:
-            ends = [scene_of(one.values[None]) for one in (moved, surfaces)]
+            ends, left = [scene_of(one.values[None]) for one in (moved, surfaces)], SURFACES_LEFT
 
         def transmitted(rays: ScanGeometry) -> np.ndarray:
             # A detector measures the mean transmission of the rays of a pixel.
             passed = np.concatenate([_transmission(end.path_lengths(rays, pose)) for end in ends])
             return np.concatenate([changing.path_lengths(rays, pose) * passed[0], passed])
 
-        sums = sum(average_rays(transmitted(rays), weights) for rays, weights in supersampled(geometry, samples))
-        sums = sums.astype(np.float32)
+        sums = _over_pixels(transmitted, geometry, samples).astype(np.float32)
         changes = sums[:-2] / sums[-2]
         linear = np.tensordot(list(by_mm.values()), changes[len(errors) :], 1)
         change = np.log(sums[-1] / sums[-2])
         # Rows that see the same edge share the error; weights of rays count them as independent.
-        relative = SURFACES_LEFT_OF_LABELS if isinstance(surfaces, LabelSurfaces) else SURFACES_LEFT
-        share = relative * surfaces.spacing_mm[2] * geometry.magnification / geometry.column_pitch_mm
-        left = share * np.sqrt(together(change, 1)) * np.abs(change)
-        return ObjectErrors(numbers, changes, change - linear, left)
+        share = left * surfaces.spacing_mm[2] * geometry.magnification / geometry.column_pitch_mm
+        return ObjectErrors(numbers, changes, change - linear, share * np.sqrt(together(change, 1)) * np.abs(change))
 
     def _of_labels(self) -> tuple[dict[Nuisance, np.ndarray], VoxelSurfaces | LabelSurfaces]:
         best, spacing = self._best, self._best.grid.spacing
@@ -575,14 +572,16 @@ def _lengths(scene: Scene, geometry: ScanGeometry, samples: int, pose: Pose) -> 
     return _mean(lambda paths: paths, scene, geometry, samples, pose).astype(np.float32)
 
 
+def _over_pixels(of_rays: Callable[[ScanGeometry], np.ndarray], geometry: ScanGeometry, samples: int) -> np.ndarray:
+    """Return the mean of a function of rays over each pixel, shape (..., views, rows, columns)."""
+    return sum(average_rays(of_rays(rays), weights) for rays, weights in supersampled(geometry, samples))
+
+
 def _mean(
     function: Callable[[np.ndarray], np.ndarray], scene: Scene, geometry: ScanGeometry, samples: int, pose: Pose
 ) -> np.ndarray:
     """Return the mean of a function of path lengths over each pixel, shape (..., views, rows, columns)."""
-    found = sum(
-        average_rays(function(scene.path_lengths(rays, pose)), weights)
-        for rays, weights in supersampled(geometry, samples)
-    )
+    found = _over_pixels(lambda rays: function(scene.path_lengths(rays, pose)), geometry, samples)
     for edges in scene.edge_scans(geometry, samples, pose) if isinstance(scene, ShapesScene) else ():
         edges.replace_in(found, function(scene.path_lengths(edges, pose)))
     return found
