@@ -349,7 +349,7 @@ def test_effect_without_template_is_fitted(scored, monkeypatch):
 
 
 def test_p_values_follow_chi_square():
-    """A likelihood ratio of 3.84 has p = 0.05 for one parameter (tables). A gain pattern has a p-value of its own."""
+    """A likelihood ratio of 3.84 has p = 0.05 for one parameter (tables). A gain pattern has its own."""
     without = Fit((), {}, {}, {}, {}, 100.0, (), 0)
     one = Fit(("scatter",), {}, {}, {}, {}, 100 - 3.841459, (), 1)
     assert forward_selection.effect_p_value(one, without, "scatter") == pytest.approx(0.05, abs=1e-6)

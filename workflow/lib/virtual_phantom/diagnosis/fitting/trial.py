@@ -48,7 +48,7 @@ def trial(
 def effect_p_value(fit: Fit | JointFit, without: Fit | JointFit, effect: str) -> float:
     """Return an effect's p-value from the likelihood ratio of fits with and without it (see Fitter.comparable).
 
-    A gain pattern has a p-value of its own (Pattern.p).
+    For a gain pattern, it is Pattern.p.
     """
     if load(effect).pattern:
         return fit.pattern.p
