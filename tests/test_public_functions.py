@@ -12,7 +12,7 @@ from virtual_phantom.api.arguments import UnexpectedError, public
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.io.volumes import Volume
-from virtual_phantom.phantom import Phantom
+from virtual_phantom.phantom import Phantom, Roi
 
 FUNCTIONS = ("draw_phantom", "read_phantom", "scan", "reconstruct", "extract", "diagnose")
 WRONG = [None, True, -1, 2.5, float("nan"), "x", b"x", [], {}, [1, 2], {"a": 1}, object(), np.array(3), 1j, "a\0b"]
@@ -25,6 +25,14 @@ OBJECT = next(place for place, value in enumerate(WRONG) if type(value) is objec
 def phantom():
     image = Volume(np.zeros((4, 8, 8), np.float32), Grid((4, 8, 8), (5.0, 5.0, 5.0)))
     return Phantom(image, image, ())
+
+
+def test_images_and_projections_are_not_printed():
+    roi = Roi("liver", "organ", np.ones((4, 8, 8), bool))
+    image = Volume(np.zeros((4, 8, 8), np.float32), Grid((4, 8, 8), (5.0, 5.0, 5.0)))
+    scan = vp.scan(Phantom(image, image, (roi,)), projections=4)
+    shown = f"{roi} {image} {scan}"
+    assert not any(f"{name}=" in shown for name in ("mask", "array", "line_integrals", "clean"))
 
 
 def kinds(function, **values):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -70,8 +70,8 @@ class Scan:
 
     geometry: ScanGeometry
     grid: Grid
-    line_integrals: np.ndarray
-    clean: np.ndarray
+    line_integrals: np.ndarray = field(repr=False)
+    clean: np.ndarray = field(repr=False)
     image_physics: dict[str, dict[str, float]]
     mu_water_per_mm: float
 

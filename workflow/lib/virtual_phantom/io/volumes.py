@@ -7,7 +7,7 @@ import gzip
 import math
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
@@ -41,7 +41,7 @@ SEEN_TILT = 0.05  # voxels; from here on the tilt is reported. Header values in 
 class Volume:
     """An array, shape (z, y, x), and the grid of its voxels."""
 
-    array: np.ndarray
+    array: np.ndarray = field(repr=False)
     grid: Grid
 
     def __post_init__(self):

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ class Roi:
 
     name: str
     tissue_class: str
-    mask: np.ndarray
+    mask: np.ndarray = field(repr=False)
     label_in_file: int | str | None = None
 
 
