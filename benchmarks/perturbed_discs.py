@@ -214,17 +214,17 @@ def moved(parameters: Mapping, control: Mapping) -> bool:
 def added(content: Mapping, control: Mapping) -> list[set[str]]:
     """Groups of indistinguishable effects that the control does not name, or names with other values.
 
-    Declared effects that the data contradict come first.
+    As in the verdict, declared effects that the data contradict follow the named ones.
     """
     known = {effect["name"]: effect["parameters"] for effect in control["effects"]}
     stated, groups = control.get("declared", {}), []
-    for name, parameters in content.get("declared", {}).items():
-        if moved({key: one for key, one in parameters.items() if one["off"]}, stated.get(name, {})):
-            groups.append({name})
     for effect in content["effects"]:
         name = effect["name"]
         if name not in known or moved(effect["parameters"], known[name]):
             groups.append({name, *content["ambiguous_with"].get(name, ())})
+    for name, parameters in content.get("declared", {}).items():
+        if moved({key: one for key, one in parameters.items() if one["off"]}, stated.get(name, {})):
+            groups.append({name})
     return groups
 
 

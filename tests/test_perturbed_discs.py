@@ -89,7 +89,7 @@ def test_contradicted_declared_effect_is_named_with_another_value_than_in_the_co
         }
 
     control = content(**declared(5.0, False))
-    assert score("constant", content(effect("scatter"), **declared(6.5, True)), control) == (1, 1, 1)
+    assert score("constant", content(effect("scatter"), **declared(6.5, True)), control) == (0, 1, 1)
     assert score("constant", content(**declared(6.5, False)), control) == (0, 0, 0)
     assert score("constant", content(**declared(5.5, True)), control) == (0, 0, 0)
 
