@@ -9,6 +9,7 @@ import pytest
 from simulated_scans import SCAN
 from test_context import context_of, recorded
 
+from benchmarks.diagnosis_rates import CASES
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.base.settings import from_mapping
@@ -164,9 +165,8 @@ def test_real_diagnoses_took_the_forecast_time(shape, settings, effects, taken):
 
 def test_diagnoses_of_simulated_recordings_took_the_forecast_time():
     """The recordings behind the rates, and three others; their sizes are in benchmarks/diagnosis_rates.py."""
-    cases = pytest.importorskip("diagnosis_rates").CASES
     seconds, inside, off = RATES["measured"]["diagnoses"]["seconds"], 0, []
-    named = [case for case in cases if case.name in seconds]
+    named = [case for case in CASES if case.name in seconds]
     for case in named:
         phantom = ([48, case.across, case.across], 2)
         settings = case.scanned if "mask" not in case.scanned.get("object", {}) else {}

@@ -37,7 +37,7 @@ UNITS = ("job", "compiled", "plane", "point", "filter_point", "filter_step", "ev
 # Units that several processes share.
 SHARED = ("filter_point", "filter_step", "evaluation", "evaluation_point")
 # Cost of a pixel in addition to its rays, in rays. Fits of one scan with 1, 4 and 9 rays per pixel took 5.8, 10.7 and
-# 14.8 s, filters 2.0, 3.3 and 4.8 s (benchmarks/diagnosis_rates.py --busy, "scatter").
+# 14.8 s, filters 2.0, 3.3 and 4.8 s (the recording "scatter" of benchmarks/diagnosis_rates.py).
 RAYS_PER_PIXEL = 5
 # Simulated scans and rounds of ranking. Ten simulated recordings in which no or one effect was found needed 365 to
 # 1,177 scans and 1 to 3 rounds. A real disc with three effects needed 7,437 scans and 11 rounds of few effects.
