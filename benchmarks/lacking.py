@@ -19,8 +19,6 @@ def add_arguments(parser):
     parser.add_argument("--seed", type=int, required=True)
     simulator_scans.add_draws(parser, ["medium"], none=0, pairs=0, unknown=14)
     parser.set_defaults(effects=[])
-    parser.add_argument("--kinds", nargs="*", help="kinds of unknown effects (default: all)")
-    parser.add_argument("--left-out", nargs="*", default=[], help="effects that are not candidates")
     parser.add_argument("--out", type=Path, required=True)
 
 
@@ -28,7 +26,7 @@ def run(options):
     config = common.configuration()
     rows = common.read_jsonl(options.out)
     for case, truth in simulator_scans.left_to_do(options, rows).items():
-        content, seconds = simulator_scans.diagnosed(truth, config, options.seed, options.left_out)
+        content, seconds = simulator_scans.diagnosed(truth, config, options.seed)
         rows.append({"truth": truth, "diagnosis": {key: content[key] for key in KEPT}, "seconds": seconds})
         common.append_jsonl(options.out, rows[-1])
         hidden = ", ".join(f"{effect['name']} ({effect['strength']})" for effect in truth["effects"]) or "nothing"

@@ -10,6 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 from benchmarks import __main__ as benchmarks
+from benchmarks import lacking
+from benchmarks.common.simulator_scans import OF_OBJECT, left_to_do
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENARIOS = benchmarks.scenarios()
@@ -32,6 +34,14 @@ def test_only_scenarios_with_one_thread_limit_threads(monkeypatch):
     assert not environment
     benchmarks.limit_threads(SCENARIOS["shapes"])
     assert environment == dict.fromkeys(benchmarks.THREAD_VARIABLES, "1")
+
+
+def test_small_scans_hide_no_fault_of_the_object():
+    """Their simulator rejects such faults, because their objects cannot change."""
+    options = benchmarks.build_parser("lacking", lacking).parse_args("--seed 62 --unknown 60 --out none".split())
+    truths = left_to_do(options, []).values()
+    hidden = {effect["name"] for truth in truths for effect in truth["effects"]}
+    assert len(truths) == 60 and len(hidden) > 8 and not hidden & {*OF_OBJECT}
 
 
 def run(*arguments):

@@ -39,7 +39,6 @@ def add_draws(parser, strengths, none, pairs, unknown):
 def left_to_do(options, rows):
     """{case: truth} that the options of add_draws and a seed select, without finished cases."""
     drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
-    drawn["unknown_kinds"] = vars(options).get("kinds")
     done = {row["truth"]["case"] for row in rows}
     return {case: truth for case, truth in truths(proof_settings(drawn)).items() if case not in done}
 
@@ -123,11 +122,11 @@ def request(model):
     return DiagnosisRequest.of(model, str(Path(model.folder) / "image.nii.gz"), 1)
 
 
-def diagnosed(truth, config, seed, left_out=(), baseline=None):
-    """Content of the diagnosis of a case, without some candidate effects, and its CPU time."""
+def diagnosed(truth, config, seed, baseline=None):
+    """Content of the diagnosis of a case, and its CPU time."""
     with tempfile.TemporaryDirectory() as folder:
         model = recorded(Path(folder), truth, config, seed, baseline)
-        tried = [name for name in candidates(model.settings) if name not in left_out]
+        tried = list(candidates(model.settings))
         began = sum(os.times()[:4])
         found = run_diagnosis(request(model), tried, config.diagnosis.model_accuracy, images=False)
         return found.content, sum(os.times()[:4]) - began
