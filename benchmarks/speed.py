@@ -1,7 +1,7 @@
 """Compare the projectors and SIRT with other packages, and measure how costs scale (4 minutes).
 
-First run `pip install -r benchmarks/requirements.txt`. Writes projectors.csv, kinds.csv, bandwidth.csv, sirt.csv,
-growth.csv and speed.png. Times are medians of CPU time with one thread; the engines take turns.
+First run `pip install -r benchmarks/requirements.txt`. Writes projectors.csv, bandwidth.csv, sirt.csv, growth.csv
+and speed.png. Times are medians of CPU time with one thread; the engines take turns.
 """
 
 import os
@@ -11,7 +11,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 
-from benchmarks import common, kinds
+from benchmarks import common
 from benchmarks.common import engines, growth, iterations
 
 ONE_THREAD = True
@@ -101,7 +101,6 @@ def run(options):
     print(f"{engines.machine()}; load of the last minute {os.getloadavg()[0]:.1f}")
     compared = projectors(options.repeats)
     common.print_table(options.out / "projectors.csv", compared)
-    common.print_table(options.out / "kinds.csv", kinds.measured(options.repeats))
     common.print_table(options.out / "bandwidth.csv", bound())
     common.print_table(options.out / "sirt.csv", iterations.compared())
     grown = growth.measured(options.repeats)
