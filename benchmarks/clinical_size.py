@@ -24,10 +24,10 @@ from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, VoxelScene
 from virtual_phantom.recordings.scan import scan_geometry
 
-PHOTONS = 1e5
+PHOTONS, VIEWS = 1e5, 984
+STRENGTH = 0.5  # fraction of the typical strength
 SCAN = common.LIGHTSPEED | {"rows": 64, "trajectory": "circular", "detector": "cylindrical"}
-SCAN |= {"start_angle_deg": 0, "direction": 1, "rotation_time_ms": 500.0}
-VIEWS = 984
+SCAN |= {"views": VIEWS, "views_per_rotation": VIEWS, "start_angle_deg": 0, "direction": 1, "rotation_time_ms": 500.0}
 GRID = Grid((64, 512, 512), (1.0, 0.75, 0.75))
 EDGE_MM = 1.0
 AT_ONCE = 41  # views per part; effects with memory would need all views
@@ -52,23 +52,10 @@ def views(geometry, first, last):
 def add_arguments(parser):
     parser.add_argument("folder", type=Path)
     parser.add_argument("--effect", default="scatter", help="missing effect without memory between views, or 'none'")
-    parser.add_argument("--strength", type=float, default=0.5, help="fraction of the typical strength")
-    parser.add_argument("--columns", type=int, default=SCAN["columns"], help="number of columns in the same fan angle")
-    parser.add_argument("--rows", type=int, default=SCAN["rows"], help="number of rows of the same height")
-    parser.add_argument("--views", type=int, default=VIEWS)
-    parser.add_argument("--samples", type=int, default=1, help="rays per pixel and direction of the diagnosis")
 
 
 def run(options):
-    scan = SCAN | {
-        "views": options.views,
-        "views_per_rotation": options.views,
-        "columns": options.columns,
-        "rows": options.rows,
-        "column_pitch_mm": SCAN["column_pitch_mm"] * SCAN["columns"] / options.columns,
-        "column_offset_px": SCAN["column_offset_px"] * options.columns / SCAN["columns"],
-    }
-    geometry = scan_geometry(scan, "clinical")
+    geometry = scan_geometry(SCAN, "clinical")
     folder = options.folder / "recordings/clinical"
     folder.mkdir(parents=True, exist_ok=True)
     water = shares()
@@ -77,14 +64,14 @@ def run(options):
     physics = {}
     scene = VoxelScene(water[None], GRID, ("water",), DISC_ENERGY_KEV)
     random = np.random.default_rng(np.random.SeedSequence(20261124))
-    shape = options.views, options.rows, options.columns
+    shape = geometry.shape
     with h5py.File(folder / "scan.h5", "w") as file:
         data = file.create_dataset("exchange/data", shape, np.float32)
-        for first in range(0, options.views, AT_ONCE):
-            part = views(geometry, first, min(first + AT_ONCE, options.views))
-            chain = Chain(scene, part, PHOTONS, samples=2 * options.samples)
+        for first in range(0, VIEWS, AT_ONCE):
+            part = views(geometry, first, min(first + AT_ONCE, VIEWS))
+            chain = Chain(scene, part, PHOTONS, samples=2)
             if options.effect != "none" and not physics:
-                physics[options.effect] = chain_scans.scaled(chain, options.effect, options.strength)
+                physics[options.effect] = chain_scans.scaled(chain, options.effect, STRENGTH)
                 if load(options.effect).pattern:
                     raise InputError(
                         "--effect gain_pattern: the parts of the views need one pattern; choose another effect"
@@ -93,9 +80,9 @@ def run(options):
             data[first : first + part.views] = state.counts(random)
         file["exchange/data_white"] = PHOTONS * state.air[:1]
         file["exchange/data_dark"] = np.zeros((1, *shape[1:]))
-    content = {"name": "clinical", "kind": "projections", "repeats": ["scan.h5"], "scan": scan}
+    content = {"name": "clinical", "kind": "projections", "repeats": ["scan.h5"], "scan": SCAN}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
-    settings = {"object": {"mask": "water.nii.gz", "material": "water"}, "samples": options.samples}
+    settings = {"object": {"mask": "water.nii.gz", "material": "water"}, "samples": 1}
     settings["nominal_photons"] = PHOTONS
     overlay = {"recordings": {"clinical": "recordings/clinical"}, "diagnosis": {"recordings": {"clinical": settings}}}
     (options.folder / "my.yaml").write_text(yaml.safe_dump(overlay))

@@ -48,14 +48,6 @@ SETTINGS = {
     "afterglow 0.10": afterglow(0.10),
     "afterglow 0.20": afterglow(0.20),
 }
-FURTHER = {
-    "afterglow 0.15": afterglow(0.15),
-    "afterglow 0.15, memory 0.5": afterglow(0.15, 0.5),
-    "afterglow 0.10, memory 0.9": afterglow(0.10, 0.9),
-    "both 0.10": crosstalk(0.10) | afterglow(0.10),
-    "crosstalk 0.10, electronic": crosstalk(0.10) | {"electronic_noise": {"photons": 40.0}},
-    "gain pattern, crosstalk 0.10": crosstalk(0.10) | {"gain_pattern": {"rms": 0.004, "detector": 3.0}},
-}
 FIELDS = ("setting", "draw", "verdict", "seconds", "worst", "p", "domain", "place", "z")
 
 
@@ -70,14 +62,13 @@ def scene():
     return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193)
 
 
-def location_rows(chain, model, name, physics, draw, repeats=REPEATS):
+def location_rows(chain, model, name, draw):
     """One row per location of the residual maps."""
-    key = (list(SETTINGS | FURTHER).index(name), draw)
+    physics, key = SETTINGS[name], (list(SETTINGS).index(name), draw)
     random = np.random.default_rng(np.random.SeedSequence(23, spawn_key=key))
     began = time.perf_counter()
-    prepared_data = prepared.prepare(
-        chain_scans.scans(chain, physics, random, repeats=repeats), None, model, nominal_photons=PHOTONS
-    )
+    taken = chain_scans.scans(chain, physics, random, repeats=REPEATS)
+    prepared_data = prepared.prepare(taken, None, model, nominal_photons=PHOTONS)
     fit = trial(prepared_data.fitter, tuple(physics), trial(prepared_data.fitter, ())).fit
     correlated = prepared_data.with_noise_of(fit)
     if correlated is not prepared_data:
@@ -123,8 +114,6 @@ def summary(rows):
 
 def add_arguments(parser):
     common.add_realizations(parser, 40, 1000)
-    parser.add_argument("--settings", nargs="+", choices=[*SETTINGS, *FURTHER], default=list(SETTINGS))
-    parser.add_argument("--repeats", type=int, default=REPEATS)
     parser.add_argument("--out", default="correlated_noise.csv")
 
 
@@ -133,9 +122,9 @@ def run(options):
     chain, model = Chain(bare, GEOMETRY, PHOTONS), Chain(PosedScene(bare, 1), GEOMETRY, PHOTONS)
     rows = []
     with common.csv_writer(options.out, FIELDS) as write:
-        for name in options.settings:
+        for name in SETTINGS:
             for draw in range(options.first, options.first + options.draws):
-                found = location_rows(chain, model, name, (SETTINGS | FURTHER)[name], draw, options.repeats)
+                found = location_rows(chain, model, name, draw)
                 write(*found)
                 rows += found
     summary(rows)

@@ -25,11 +25,9 @@ from benchmarks.common.chain_scans import (
     scans,
     scene,
     shapes_scene,
-    stated,
     strengths,
 )
 from virtual_phantom.diagnosis.fitting.linearization import Linearization, LinearizationPoint
-from virtual_phantom.diagnosis.fitting.priors import declared
 from virtual_phantom.diagnosis.fitting.templates import whitened
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
@@ -39,7 +37,6 @@ from virtual_phantom.diagnosis.residuals.residual_tests import EDGE_SHARE, HalfR
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import load
 
 SQUARES_SD = 3.5  # threshold for sums of squares; false-positive rate below 1e-3
 LEFT_BINS = (WEAKEST, 10.0, 20.0, np.inf)
@@ -77,40 +74,27 @@ def left_over(prepared_data, physics, fit):
 
 
 def diagnose_scan(task):
-    kind, draw, only, accuracy, samples, edge_mm, known, finer, shaped = task
-    key = (len(kind), draw, known) if known else (len(kind), draw)
-    random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=key))
+    kind, draw, samples, edge_mm, finer, shaped = task
+    random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=(len(kind), draw)))
     bare = shapes_scene() if shaped else scene(edge_mm)
     chain = Chain(bare, GEOMETRY, PHOTONS, samples=finer * samples)
     model, floor = model_and_floor(bare, GEOMETRY, samples, photons=PHOTONS)
-    library = shown = [name for name in LIBRARY if only is None or name in only]
-    declarable = [name for name in library if not load(name).pattern]
-    declared_physics, baseline = {}, {}
-    if known:
-        if kind != "none":  # each effect is hidden in turn
-            declarable = [name for name in declarable if name != library[draw % len(library)]]
-        declared_physics = {str(name): load(str(name)).values({}) for name in random.permutation(declarable)[:known]}
-        baseline = stated(declared_physics, model, random)
     options = {"floor_chain": floor, "nominal_photons": PHOTONS}
-    exact = declared(stated(declared_physics, model), "draws")
-    blank = prepared.prepare(scans(chain, declared_physics, random), None, model, declared=exact, **options)
-    library = [name for name in library if name not in declared_physics]
+    blank = prepared.prepare(scans(chain, {}, random), None, model, **options)
     count = {"none": 0, "pair": 2}.get(kind, 1)
-    truth = [str(name) for name in random.permutation(library)[:count]]
-    if count == 1:
-        truth = [shown[draw % len(shown)]]
+    truth = [str(name) for name in random.permutation(LIBRARY)[:count]]
+    if count == 1:  # each effect is hidden in turn
+        truth = [LIBRARY[draw % len(LIBRARY)]]
     physics = {}
     for name in truth:
         target_snr = common.log_uniform(random, WEAKEST, STRONGEST)
         physics[name] = strengths(name, target_snr, random, blank)
     began = time.perf_counter()
-    taken = scans(chain, declared_physics | physics, random)
-    prepared_data = prepared.prepare(taken, None, model, declared=declared(baseline, "draws"), **options)
-    tried = [name for name in library if kind != "missing" or name not in truth]
-    baseline = trial(prepared_data.fitter, ())
-    found = choose(prepared_data.fitter, baseline, tried, accuracy=accuracy)
+    prepared_data = prepared.prepare(scans(chain, physics, random), None, model, **options)
+    tried = [name for name in LIBRARY if kind != "missing" or name not in truth]
+    found = choose(prepared_data.fitter, trial(prepared_data.fitter, ()), tried)
     content = diagnose("draw", prepared_data, found).content
-    left, seen = left_over(prepared_data, declared_physics | physics, found.chosen.fit)
+    left, seen = left_over(prepared_data, physics, found.chosen.fit)
     row = {
         "draw": draw,
         "kind": kind,
@@ -171,15 +155,8 @@ def summary(rows):
 def add_arguments(parser):
     parser.add_argument("--kind", choices=("single", "none", "pair", "missing"), default="single")
     common.add_realizations(parser, 100, out="draws.csv")
-    parser.add_argument(
-        "--accuracy", type=float, help="diagnosis.model_accuracy of all effects, without discretization errors"
-    )
-    parser.add_argument("--only", nargs="+", help="candidate effects (default: all)")
     parser.add_argument("--samples", type=int, default=2, help="rays per pixel and direction of the model")
     parser.add_argument("--edge-mm", type=float, default=EDGE_MM, help="SD of the Gaussian blur of edges")
-    parser.add_argument(
-        "--declared", type=int, default=0, help="number of declared effects of typical strength in each scan"
-    )
     parser.add_argument(
         "--finer", type=int, default=2, help="factor of rays per pixel and direction between scan and model"
     )
@@ -188,8 +165,7 @@ def add_arguments(parser):
 
 def run(options):
     draws = range(options.first, options.first + options.draws)
-    accuracy = None if options.accuracy is None else {"default": options.accuracy}
-    settings = options.only, accuracy, options.samples, options.edge_mm, options.declared, options.finer, options.shapes
+    settings = options.samples, options.edge_mm, options.finer, options.shapes
     tasks = [(options.kind, draw, *settings) for draw in draws]
     rows = []
     for found in common.parallel_rows(diagnose_scan, tasks, options, FIELDS):

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import common
-from benchmarks.diagnosis_rates import Case, every_effect, run_case, written
+from benchmarks.common.chain_scans import LIBRARY
+from benchmarks.diagnosis_rates import Case, run_case, written
 from virtual_phantom.figures import style
 
-# The missing effect comes first, so that it is always a candidate.
-EFFECTS = tuple(["scatter", *(case.name for case in every_effect() if case.name != "scatter")])
+# The missing effect comes first, so that it is always a candidate. Photon flux needs declared photons.
+EFFECTS = ("scatter", *(name for name in LIBRARY if name not in ("scatter", "photon_flux")))
 COLUMNS, ROWS, VIEWS, ACROSS = 64, 8, 90, 128
 SERIES = {
     "rays": (1, 2, 4, 8),  # factor of the number of views

@@ -39,7 +39,7 @@ from virtual_phantom.io.schema import defaults_of, fill_defaults, schema_of
 from virtual_phantom.io.volumes import Volume, shape_of, write_nifti
 from virtual_phantom.phantom import write_phantom
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, checked, names
+from virtual_phantom.physics.effect import checked
 from virtual_phantom.recordings.importers.study import scan_section
 from virtual_phantom.recordings.reading import load_recording
 from virtual_phantom.report.diagnosis import diagnosis_page, residual_maps
@@ -102,21 +102,6 @@ CASES = (
     Case("held_three", 96, 8, 90, ("spectrum", "veiling_glare", "detector_offset"), 128, held_out=True),
     Case("held_shapes", 96, 8, 120, ("heel",), scanned=SHAPES, held_out=True),
 )
-SIZES = ((64, 6, 72, 128), (96, 4, 60, 192), (64, 8, 90, 128), (128, 4, 60, 96))  # for every_effect, in turn
-QUICK = (
-    Case("quick", 56, 4, 48, ("scatter",), 64, effects=FEW),
-    Case("quick_disc", 128, 1, 60, (), scanned=DISC, effects=FEW),
-    Case("held_quick", 64, 4, 48, (), 64, effects=FEW, held_out=True),
-)
-
-
-def every_effect():
-    """A recording per effect that can be detected without declared photons."""
-    shown = [name for name in names() if not acts_on_images(name) and name != "photon_flux"]
-    return [
-        Case(name, *SIZES[place % len(SIZES)][:3], (name,), SIZES[place % len(SIZES)][3], held_out=True)
-        for place, name in enumerate(shown)
-    ]
 
 
 def geometry_of(case):
@@ -294,8 +279,6 @@ def report(runs, rates):
 
 def add_arguments(parser):
     parser.add_argument("--machine", help="description of the machine for rates.yaml; needed to write it")
-    parser.add_argument("--quick", action="store_true", help="diagnose three small recordings and write nothing")
-    parser.add_argument("--every-effect", action="store_true", help="diagnose a recording per effect and write nothing")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--processes", type=int, default=1, help=argparse.SUPPRESS)
 
@@ -304,15 +287,12 @@ def run(options):
     if options.one:
         diagnose_case(options.one, options.processes)
         return
-    if options.every_effect:
-        report(runs_of(every_effect()), read_rates(RATES)["seconds"][STAGE])
-        return
-    runs = runs_of(QUICK if options.quick else CASES)
+    runs = runs_of(CASES)
     fitted = [one_run for one_run in runs if not one_run.case.held_out]
     rates = fit_parts([one_run.measured for one_run in fitted], PARTS)
     print(rates)
     report(runs, rates)
-    if options.machine and not options.quick:
+    if options.machine:
         whole = read_rates(RATES)
         whole["seconds"][STAGE] = rates
         whole["measured"]["diagnoses"] = {

@@ -1,9 +1,9 @@
 """Diagnose images with hidden effects of image formation (6 s of CPU time for a case).
 
-Objects are modules of the Catphan 504 and the ACR 464, with attenuation from xraylib. Sinograms are chords of circles,
-or projections of voxels by ASTRA or XCIST; scikit-image reconstructs them. Virtual Phantom only starts XCIST. A group
-of k effects that are named as equal scores 1/k. A case depends on its simulator, seed, kind and number only. Finished
-cases in the output are not repeated. Seeds 1, 5353 and 8311 to 8314 were used for development; FINAL_SEEDS were not.
+Objects are modules of the Catphan 504 and the ACR 464, with attenuation from xraylib. Sinograms are
+projections of voxels by ASTRA or XCIST; scikit-image reconstructs them. Virtual Phantom only starts XCIST. A group of k
+effects that are named as equal scores 1/k. A case depends on its simulator, seed, kind and number only. Finished cases
+in the output are not repeated. Seeds 1, 5353 and 8311 to 8314 were used for development; FINAL_SEEDS were not.
 """
 
 from pathlib import Path
@@ -35,7 +35,6 @@ ONE_THREAD = True
 FINAL_SEEDS = {"xcist": 8315, "astra": 8316}
 OBJECTS = ("catphan504_ctp404", "acr464_module1")
 KEV, COLUMNS, MM, VIEWS, SLICES, PHOTONS = 60.0, 75, 3.0, 120, 8, 1e5
-SUBRAYS = 64
 POSITION = (np.arange(COLUMNS) - COLUMNS // 2) * MM
 ANGLES = np.arange(VIEWS) * 2 * np.pi / VIEWS
 FAR_MM = 2e5  # from XCIST's source to the object: rays are parallel within 0.06 mm
@@ -87,19 +86,6 @@ def circles(name):
             centre = shape["distance_mm"] * np.array([np.cos(angle), np.sin(angle)])
         found.append((*centre, shape["diameter_mm"] / 2, mu[shape["material"]]))
     return found
-
-
-def chords(name):
-    """Line integrals, shape (views, columns), mean transmission of SUBRAYS rays."""
-    fine = (POSITION[:, None] + (np.arange(SUBRAYS) - (SUBRAYS - 1) / 2) * MM / SUBRAYS).ravel()
-    found, before = np.zeros((VIEWS, fine.size)), []
-    for x, y, radius, mu in circles(name):
-        inside = [other for other in before if np.hypot(other[0] - x, other[1] - y) + radius <= other[2] + 1e-6]
-        across = x * np.cos(ANGLES) - y * np.sin(ANGLES)
-        chord = 2 * np.sqrt(np.maximum(radius**2 - (fine - across[:, None]) ** 2, 0))
-        found += (mu - (inside[-1][3] if inside else 0.0)) * chord
-        before.append((x, y, radius, mu))
-    return mean_transmission(found)
 
 
 def mean_transmission(lines):
@@ -210,7 +196,7 @@ def recorded(simulator, kind, number, seed):
         for one in kinds:
             noisy = changed_lines(noisy, one, size, random, filter_name, values)
     else:
-        lines = {"chords": chords, "astra": by_astra}[simulator](name)
+        lines = by_astra(name)
         for one in kinds:
             lines = changed_lines(lines, one, size, random, filter_name, values)
         noisy = by_poisson(lines, random)
@@ -223,7 +209,7 @@ def recorded(simulator, kind, number, seed):
 
 def diagnosed(case):
     """The row of one case, in a list."""
-    simulator, kind, number, seed, wanted, own_simulation = case
+    simulator, kind, number, seed, wanted = case
     images, name, values = recorded(simulator, kind, number, seed)
     detector = dict(columns=COLUMNS, rows=1, column_pitch_mm=MM, row_pitch_mm=MM)
     geometry = circular(views=VIEWS, **parallel_beam(), **detector)
@@ -236,11 +222,8 @@ def diagnosed(case):
         how = "fbp", FbpSettings("coverage"), "cpu", WATER
         return reconstruct_hu(lines.astype(np.float32), geometry, grid, *how, **filters)
 
-    own = None
-    if own_simulation:
-        own = 1000 * (back_projected(by_astra(name), "ramp") / WATER - 1)[None].astype(np.float32)
     random = np.random.SeedSequence(seed)
-    options = {"slices_variance": 1.0, "known_image": own, "filters": True}
+    options = {"slices_variance": 1.0, "filters": True}
     prepared = prepare(images, None, *chains, reconstruct, grid.spacing, valid, random, **options)
     content = find_missing_physics(kind, prepared, wanted, defaults_of("diagnosis", "model_accuracy")).content
     named, groups = [one["name"] for one in content["effects"]], named_groups(content)
@@ -274,8 +257,7 @@ def diagnosed(case):
 
 def add_arguments(parser):
     common.add_realizations(parser, 1, out="image_effects.csv")
-    parser.add_argument("--simulator", choices=("chords", "astra", "xcist"), default="chords")
-    parser.add_argument("--own-simulation", action="store_true", help="compare with images of line integrals by ASTRA")
+    parser.add_argument("--simulator", choices=("astra", "xcist"), required=True)
     parser.add_argument("--seed", type=int, default=1, help=f"final cases: {FINAL_SEEDS}")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
 
@@ -289,8 +271,7 @@ def run(options):
     np.random.default_rng(options.seed).shuffle(drawn)
     rows = common.read_csv_rows(Path(options.out))
     done = {(row["kind"], int(row["number"])) for row in rows}
-    more = options.seed, wanted, options.own_simulation
-    cases = [(options.simulator, *one, *more) for one in drawn if one not in done]
+    cases = [(options.simulator, *one, options.seed, wanted) for one in drawn if one not in done]
     for (row,) in common.parallel_rows(diagnosed, cases, options, FIELDS, append=True):
         rows.append(row)
         print(", ".join(str(value) for value in row.values()), flush=True)

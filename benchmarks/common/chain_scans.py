@@ -10,8 +10,7 @@ from scipy.optimize import brentq
 
 from benchmarks.common import circular_scan
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearization, LinearizationPoint
-from virtual_phantom.diagnosis.fitting.priors import stated_physics
+from virtual_phantom.diagnosis.fitting.linearization import BASE
 from virtual_phantom.diagnosis.fitting.templates import strength, varied
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
@@ -24,7 +23,6 @@ from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipso
 PHOTONS, REPEATS = 1e5, 4
 LIBRARY = [name for name in names() if not acts_on_images(name)]  # effects on projections
 WEAKEST, STRONGEST = 5.0, 50.0
-STATED = 0.05  # relative SD of a declared parameter
 FAINTEST, LEAST_SHARE = 1e-3, 1e-5  # lower limits of the signal-to-noise ratio and of the share of a range
 EDGE_MM = 2.0
 INSERTS = {"bone": ((50, 10, 5), 20.0), "adipose": ((-40, -20, -5), 18.0)}  # center and radius, mm
@@ -97,31 +95,14 @@ def strengths(name, target_snr, random, prepared_data):
     raise ValueError(f"{name}: the signal-to-noise ratio stays below {WEAKEST} within its range")
 
 
-def stated(physics, model, random=None):
-    """Declared physics with a relative SD of STATED; without `random`, the values are exact."""
-    found = {}
-    for name, values in physics.items():
-        low_high = {parameter.name: (parameter.low, parameter.high) for parameter in model.parameters(name)}
-        found[name] = {}
-        for key, value in values.items():
-            sd = STATED * abs(value)
-            low, high = low_high.get(key, (-np.inf, np.inf))
-            drawn = value if random is None else random.normal(value, sd)
-            found[name][key] = {"value": float(np.clip(drawn, low, high)), "sd": sd}
-    return found
-
-
 def signal_to_noise(prepared_data, physics):
     """Signal-to-noise ratio of physics beyond the alignment, from a fit of the alignment to noise-free data."""
     fitter = prepared_data.fitter
     place = {one.name: one.expected for one in fitter.model.base_nuisances}
-    data, known_physics = fitter.data, stated_physics(fitter.model.declared)
-    there = Linearization(*2 * (LinearizationPoint.of(known_physics, place),)) if known_physics else BASE
-    there = fitter.model.predict(known_physics | physics, place, data, there)
+    there = fitter.model.predict(physics, place, fitter.data, BASE)
+    noise = {"variance": np.exp(there.log_variance), "correlation": there.correlation}
     clean = copy.copy(fitter)
-    clean.data = replace(
-        data, mean=there.mean, variance=np.exp(there.log_variance), correlation=there.correlation, white=there.white
-    )
+    clean.data = replace(fitter.data, mean=there.mean, white=there.white, **noise)
     return float(np.sqrt(sum(clean.fit(()).parts)))
 
 
