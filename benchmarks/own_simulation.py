@@ -17,6 +17,7 @@ import numpy as np
 
 import virtual_phantom as vp
 from benchmarks import common
+from benchmarks.common.engines import fan_projector
 from benchmarks.common.tuning_objects import OBJECTS, acquire, build, materials, scan_of
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid
@@ -82,34 +83,12 @@ def line_integrals(slice_per_mm, grid, scan):
     """Integrals by ASTRA's fan beam, the mean of the rays of each part of a pixel [view, row, column, part]."""
     import astra
 
-    mu = slice_per_mm
-    (rows, columns), (_, height, width) = mu.shape, grid.spacing
-    volume = astra.create_vol_geom(
-        rows,
-        columns,
-        *(
-            half * side
-            for side, half in (
-                (columns * width, -0.5),
-                (columns * width, 0.5),
-                (rows * height, -0.5),
-                (rows * height, 0.5),
-            )
-        ),
-    )
     angles = np.arange(scan.views) * 2 * np.pi / scan.views
-    sine, cosine = np.sin(angles), np.cos(angles)
-    source, beyond = scan.source_to_isocentre_mm, scan.source_to_detector_mm - scan.source_to_isocentre_mm
-    pitch = scan.column_pitch_mm / RAYS
-    vectors = np.stack(
-        [-source * sine, source * cosine, beyond * sine, -beyond * cosine, pitch * cosine, pitch * sine], axis=1
-    )
-    detector = astra.create_proj_geom("fanflat_vec", scan.columns * RAYS, vectors)
-    projector = astra.create_projector("line_fanflat", detector, volume)
-    number, lines = astra.create_sino(mu[::-1], projector)
+    projector = fan_projector(scan, angles, slice_per_mm.shape, grid.spacing[1:], RAYS)
+    number, lines = astra.create_sino(slice_per_mm[::-1], projector)
     for module, one in ((astra.data2d, number), (astra.projector, projector)):
         module.delete(one)
-    across = (np.arange(scan.columns * RAYS) - (scan.columns * RAYS - 1) / 2) * pitch
+    across = (np.arange(scan.columns * RAYS) - (scan.columns * RAYS - 1) / 2) * scan.column_pitch_mm / RAYS
     up = (np.arange(scan.rows) - (scan.rows - 1) / 2) * scan.row_pitch_mm
     in_plane = np.hypot(across, scan.source_to_detector_mm)
     lines = lines[:, None] * np.hypot(in_plane, up[:, None]) / in_plane  # rays out of the plane are longer

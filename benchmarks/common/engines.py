@@ -143,20 +143,23 @@ def rtk(scan: ScanGeometry, grid: Grid = GRID, transpose: bool = False) -> Engin
     )
 
 
-def astra_parts(scan: ScanGeometry, grid: Grid):
-    """ASTRA's fan-beam projector of the middle slice; its rows run downwards."""
+def fan_projector(scan, angles: np.ndarray, shape: tuple[int, int], spacing: tuple[float, float], rays: int = 1):
+    """ASTRA's fan-beam projector of a slice [y, x], with `rays` per column of a scan; its rows run downwards."""
     import astra
 
-    _, ny, nx = grid.shape
-    _, dy, dx = grid.spacing
+    (ny, nx), (dy, dx) = shape, spacing
     volume = astra.create_vol_geom(ny, nx, -nx * dx / 2, nx * dx / 2, -ny * dy / 2, ny * dy / 2)
-    angles, radius = scan.angles_rad, scan.source_to_isocentre_mm
-    source = np.stack([-np.sin(angles), np.cos(angles)], 1) * radius
-    centre = np.stack([np.sin(angles), -np.cos(angles)], 1) * (scan.source_to_detector_mm - radius)
-    step = np.stack([np.cos(angles), np.sin(angles)], 1) * scan.column_pitch_mm
-    projections = astra.create_proj_geom("fanflat_vec", scan.columns, np.concatenate([source, centre, step], 1))
+    along, across = np.stack([-np.sin(angles), np.cos(angles)], 1), np.stack([np.cos(angles), np.sin(angles)], 1)
+    source, beyond = scan.source_to_isocentre_mm, scan.source_to_detector_mm - scan.source_to_isocentre_mm
+    vectors = np.concatenate([source * along, -beyond * along, scan.column_pitch_mm / rays * across], 1)
+    detector = astra.create_proj_geom("fanflat_vec", scan.columns * rays, vectors)
+    return astra.create_projector("line_fanflat", detector, volume)
+
+
+def astra_parts(scan: ScanGeometry, grid: Grid):
+    """ASTRA's fan-beam projector of the middle slice, and the slice."""
     image = phantom(grid)[grid.shape[0] // 2, ::-1].copy()
-    return astra.create_projector("line_fanflat", projections, volume), image
+    return fan_projector(scan, scan.angles_rad, image.shape, grid.spacing[1:]), image
 
 
 def astra_fan(scan: ScanGeometry, grid: Grid = GRID) -> Engine:
