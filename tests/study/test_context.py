@@ -63,8 +63,10 @@ def test_all_outputs_of_a_configuration():
 
 
 def test_protocols_with_the_same_acquisitions_share_noise():
-    sharing = context_of().selections.sharing()
-    assert sharing["sirt_150"] == sharing["fbp_150"] != sharing["sirt_200"] and len(sharing) == 8
+    context = context_of()
+    groups, sharing = context.plan.groups(), context.selections.sharing()
+    assert sharing[groups["sirt_150"]] == sharing[groups["fbp_150"]] != sharing[groups["sirt_200"]]
+    assert len(sharing) == 8
     assert set(context_of(noise={"draws": "common"}).selections.sharing().values()) == {"common"}
 
 

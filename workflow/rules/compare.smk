@@ -80,13 +80,10 @@ rule compare:
         runtime=15,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: comparisons.settings[wildcards.comparison].recording,
-        where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
-        protocol=lambda wildcards: comparisons.settings[wildcards.comparison].protocol,
-        noise=lambda wildcards: comparisons.settings[wildcards.comparison].noise,
+        settings=lambda wildcards: to_mapping(
+            comparisons.settings[wildcards.comparison]
+        ),
         seeds=lambda wildcards: comparisons.repeats(wildcards.comparison),
-        rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
-        margin_sd=lambda wildcards: comparisons.settings[wildcards.comparison].margin_sd,
         dimensions=lambda wildcards: comparisons.table_dimensions(wildcards.comparison),
         code=code("compare.py"),
     script:
@@ -158,7 +155,7 @@ rule recording_scores:
         parameters=context.parameters,
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
         where=lambda wildcards: context.selections.score_conditions(wildcards.recording),
-        repeats=context.selections.compared_images["seeds"],
+        repeats=context.selections.compared_images()["seeds"],
         statistics=to_mapping(context.study.statistics),
         code=code("recording_scores.py"),
     script:
@@ -192,7 +189,7 @@ use rule overlap as overlap_recording with:
     log:
         results("logs/overlap/{recording}.log"),
     params:
-        **context.selections.compared_images,
+        images=context.selections.compared_images(),
         statistics=to_mapping(context.study.statistics),
         recording=lambda wildcards: wildcards.recording,
         code=code("overlap.py"),

@@ -23,10 +23,9 @@ rule diagnose_features:
         runtime=30,
     params:
         parameters=context.parameters,
-        recording=lambda wildcards: comparisons.settings[wildcards.comparison].recording,
-        where=lambda wildcards: comparisons.settings[wildcards.comparison].where,
-        rois=lambda wildcards: comparisons.settings[wildcards.comparison].rois,
-        margin_sd=lambda wildcards: comparisons.settings[wildcards.comparison].margin_sd,
+        settings=lambda wildcards: to_mapping(
+            comparisons.settings[wildcards.comparison]
+        ),
         dimensions=lambda wildcards: comparisons.dimensions(wildcards.comparison),
         stored_offset_hu=lambda wildcards: comparisons.stored_offset_hu(
             wildcards.comparison

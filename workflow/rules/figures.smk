@@ -115,7 +115,7 @@ rule figure_stability_discrimination:
         threshold=context.study.statistics.threshold,
         with_measured=context.study.measured.overlay,
         recording=selections.own_reference,
-        seeds=selections.compared_images["seeds"],
+        seeds=selections.compared_images()["seeds"],
         settings=context.plan.scored_settings(),
         noise=selections.compared_noise(),
         trial=bool(context.study.trial),

@@ -56,7 +56,7 @@ for number, (bundle, protocols, constraint) in enumerate(context.acquisitions.ru
             ),
             gpu=int(context.engine == "astra_cuda"),
         params:
-            **context.acquisitions.noise,
+            noise=context.acquisitions.noise,
             images=lambda wildcards, protocols=protocols: [
                 to_mapping(context.acquisitions.reconstruction(protocol))
                 for protocol in named(protocols, wildcards)

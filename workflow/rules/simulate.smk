@@ -94,7 +94,7 @@ rule acquire:
         runtime=lambda wildcards, attempt: attempt
         * context.minutes("acquire", context.sizes.noise(wildcards.geometry)),
     params:
-        **context.acquisitions.noise,
+        noise=context.acquisitions.noise,
         acquisition=lambda wildcards: context.acquisitions.acquisition(
             wildcards.noise, wildcards.seed
         ),

@@ -24,7 +24,8 @@ rule noise_control:
         runtime=lambda wildcards, input, attempt: attempt
         * context.minutes("extract", context.sizes.images(len(input.images))),
     params:
-        **selections.compared_images,
+        groups=context.plan.groups(),
+        seeds=selections.compared_images()["seeds"],
         images=selections.noise_control_images(),
         study_seed=context.study.seed,
         parameters=context.parameters,
@@ -51,7 +52,7 @@ rule stability:
         mem_mb=2000,
         runtime=15,
     params:
-        **selections.compared_images,
+        images=selections.compared_images(),
         statistics=to_mapping(context.study.statistics),
         code=code("stability.py"),
     script:
@@ -75,7 +76,7 @@ rule trust:
         mem_mb=2000,
         runtime=30,
     params:
-        **selections.compared_images,
+        images=selections.compared_images(),
         statistics=to_mapping(context.study.statistics),
         cut_offs=selections.cut_offs,
         sharing=selections.sharing(),
@@ -101,9 +102,7 @@ rule physics_change:
         mem_mb=2000,
         runtime=30,
     params:
-        groups=context.plan.groups_without_physics(),
-        noise=context.plan.compared_levels(context.plan.groups_without_physics()),
-        seeds=selections.compared_images["seeds"],
+        images=selections.compared_images(context.plan.groups_without_physics()),
         statistics=to_mapping(context.study.statistics),
         cut_offs=selections.cut_offs,
         sharing=selections.sharing(context.plan.groups_without_physics()),
@@ -128,7 +127,7 @@ rule stability_measures:
         mem_mb=2000,
         runtime=15,
     params:
-        **selections.compared_images,
+        images=selections.compared_images(),
         cut_offs=selections.cut_offs,
         code=code("stability_measures.py"),
     script:
@@ -177,7 +176,7 @@ rule top_features:
         mem_mb=1000,
         runtime=10,
     params:
-        seeds=selections.compared_images["seeds"],
+        seeds=selections.compared_images()["seeds"],
         with_measured=context.study.measured.overlay,
         code=code("top_features.py"),
     script:
@@ -199,7 +198,7 @@ rule overlap:
         mem_mb=2000,
         runtime=15,
     params:
-        **selections.compared_images,
+        images=selections.compared_images(),
         statistics=to_mapping(context.study.statistics),
         recording=None,
         code=code("overlap.py"),
@@ -225,13 +224,11 @@ rule pca:
         runtime=15,
     params:
         parameters=context.parameters,
-        selection=lambda wildcards: selections.components(wildcards.pca),
-        pca=lambda wildcards: selections.fit_settings(wildcards.pca),
+        settings=lambda wildcards: to_mapping(context.study.analyses.pca[wildcards.pca]),
+        seeds=lambda wildcards: context.plan.repeats(
+            context.study.analyses.pca[wildcards.pca].noise
+        ),
         measured=to_mapping(context.study.measured),
-        recordings=lambda wildcards: context.study.analyses.pca[
-            wildcards.pca
-        ].recordings,
-        by=lambda wildcards: context.study.analyses.pca[wildcards.pca].by,
         conditions=lambda wildcards: {
             name: context.recordings.conditions(name)
             for name in context.study.analyses.pca[wildcards.pca].recordings

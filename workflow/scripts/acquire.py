@@ -12,9 +12,7 @@ def main(
     output: str,
     geometry_name: str,
     settings: Mapping,
-    model: str,
-    draws: str,
-    study_seed: int,
+    noise: Mapping,
 ) -> None:
     from virtual_phantom.io.exchange import read_line_integrals, write_counts
     from virtual_phantom.physics.stored_state import read_state
@@ -23,15 +21,7 @@ def main(
 
     clean, geometry = read_line_integrals(clean_file)
     (acquisition,) = resolve([settings], levels)
-    counts = acquire(
-        clean,
-        geometry=geometry_name,
-        model=model,
-        draws=draws,
-        study_seed=study_seed,
-        state=read_state(clean_file),
-        **acquisition,
-    )
+    counts = acquire(clean, geometry=geometry_name, state=read_state(clean_file), **noise, **acquisition)
     log.info("fewest counts %d, pixels without any %d", counts.data.min(), (counts.data == 0).sum())
     write_counts(output, counts, geometry)
 
@@ -44,7 +34,5 @@ if "snakemake" in globals():
             output=snakemake.output[0],
             geometry_name=snakemake.wildcards.geometry,
             settings=snakemake.params.acquisition,
-            model=snakemake.params.model,
-            draws=snakemake.params.draws,
-            study_seed=snakemake.params.study_seed,
+            noise=snakemake.params.noise,
         )

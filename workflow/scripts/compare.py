@@ -1,8 +1,11 @@
 """Compare the features of one protocol and noise level with the features of a recording."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from virtual_phantom.features import settings, tables
+from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.config.settings import Comparison
+from virtual_phantom.features import tables
+from virtual_phantom.features.settings import other_settings, read_extraction
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import select_rows
 from virtual_phantom.statistics import comparability, comparison, comparison_summary
@@ -16,25 +19,20 @@ def main(
     cells_file: str,
     features_file: str,
     families_file: str,
-    recording: str,
-    conditions: Mapping,
-    protocol: str,
-    noise: str,
+    settings: Comparison,
     seeds: int,
-    rois: Sequence[str] | None,
-    margin_sd: float,
     extraction: Mapping,
     dimensions: int | None,
 ) -> None:
     simulated = tables.read_features(simulated_features)
-    simulated = tables.select(simulated, protocols=[protocol], noise=[noise], seeds=seeds)
-    source = f"recording {recording}"
-    recorded = select_rows(files.read_csv(recorded_features), conditions, source)
+    simulated = tables.select(simulated, protocols=[settings.protocol], noise=[settings.noise], seeds=seeds)
+    source = f"recording {settings.recording}"
+    recorded = select_rows(files.read_csv(recorded_features), settings.where, source)
     features = comparison.common_features(simulated, recorded)
-    cells = comparison.compare(simulated, recorded, features, rois=rois, margin_sd=margin_sd)
+    cells = comparison.compare(simulated, recorded, features, rois=settings.rois, margin_sd=settings.margin_sd)
     files.write_csv(cells, cells_file)
-    own = settings.read_extraction(extraction["path"])
-    other = settings.other_settings(features, recorded, own, source, extraction["section"], dimensions)
+    own = read_extraction(extraction["path"])
+    other = other_settings(features, recorded, own, source, extraction["section"], dimensions)
     for line in dict.fromkeys(other.values()):
         log.warning("%s: features were extracted with other settings: %s", source, line)
     sizes = comparability.other_sizes(simulated, recorded, features, list(cells["roi"].unique()))
@@ -58,13 +56,8 @@ if "snakemake" in globals():
             cells_file=snakemake.output.cells,
             features_file=snakemake.output.features,
             families_file=snakemake.output.families,
-            recording=snakemake.params.recording,
-            conditions=snakemake.params.where,
-            protocol=snakemake.params.protocol,
-            noise=snakemake.params.noise,
+            settings=from_mapping(Comparison, snakemake.params.settings),
             seeds=snakemake.params.seeds,
-            rois=snakemake.params.rois,
-            margin_sd=snakemake.params.margin_sd,
             extraction=snakemake.params.parameters,
             dimensions=snakemake.params.dimensions,
         )

@@ -3,8 +3,8 @@
 The script writes diagnosis.json, physics.yaml, maps and the report.
 """
 
-from collections.abc import Mapping, Sequence
-
+from virtual_phantom.base.settings import from_mapping
+from virtual_phantom.config.settings import Comparison
 from virtual_phantom.diagnosis.features.responses import compared, responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
 from virtual_phantom.diagnosis.result_files import DiagnosisFiles, write_diagnosis
@@ -25,19 +25,16 @@ def main(
     image_file: str,
     output: DiagnosisFiles,
     name: str,
-    recording: str,
-    conditions: Mapping,
-    rois: Sequence[str] | None,
-    margin_sd: float,
+    settings: Comparison,
     dimensions: int,
     stored_offset_hu: float,
     parameter_file: str | None,
 ) -> None:
-    rows = select_rows(read_csv(recorded_features_file), dict(conditions), f"recording {recording}")
+    rows = select_rows(read_csv(recorded_features_file), settings.where, f"recording {settings.recording}")
     table, extraction = read_csv(changed_features_file), read_extraction(parameter_file)
     features, not_compared = compared(table, rows, dimensions, stored_offset_hu, extraction)
-    data = responses(table, rows, features, read_nifti(image_file).grid, rois)
-    found = diagnose_features(name, data, not_compared, feature_names.MEAN, margin_sd)
+    data = responses(table, rows, features, read_nifti(image_file).grid, settings.rois)
+    found = diagnose_features(name, data, not_compared, feature_names.MEAN, settings.margin_sd)
     write_diagnosis(
         output, found.content, overlay(data, found.content), feature_diagnosis_page(found), found.before.maps
     )
@@ -53,10 +50,7 @@ if "snakemake" in globals():
             image_file=snakemake.input.image,
             output=snakemake.output,
             name=snakemake.wildcards.comparison,
-            recording=snakemake.params.recording,
-            conditions=snakemake.params.where,
-            rois=snakemake.params.rois,
-            margin_sd=snakemake.params.margin_sd,
+            settings=from_mapping(Comparison, snakemake.params.settings),
             dimensions=snakemake.params.dimensions,
             stored_offset_hu=snakemake.params.stored_offset_hu,
             parameter_file=snakemake.params.parameters["path"],

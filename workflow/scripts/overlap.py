@@ -14,15 +14,15 @@ def main(
     features_file: str,
     scores: str,
     output: str,
-    groups: Mapping[str, int],
-    noise: Mapping[str, str],
-    seeds: int,
+    images: Mapping,
     statistics: Mapping,
     recording: str | None,
 ) -> None:
-    recorded = ranking.assessed(files.read_csv(scores), scores) if recording else measured.load_score_draws(seeds)
+    recorded = (
+        ranking.assessed(files.read_csv(scores), scores) if recording else measured.load_score_draws(images["seeds"])
+    )
     repeats = int(recorded["repeats"].iloc[0])
-    features = read_groups(features_file, groups, noise=noise, seeds=repeats)
+    features = read_groups(features_file, **{**images, "seeds": repeats})
     simulated = wilcoxon.scores(features, features_of(features), source=features_file, **statistics)
     simulated = ranking.assessed(simulated, features_file)
     table = ranking.overlap(simulated, recorded, ranking.shared_variance(features, features_of(features)))
@@ -49,9 +49,7 @@ if "snakemake" in globals():
             features_file=snakemake.input.features,
             scores=snakemake.input.scores,
             output=snakemake.output[0],
-            groups=snakemake.params.groups,
-            noise=snakemake.params.noise,
-            seeds=snakemake.params.seeds,
+            images=snakemake.params.images,
             statistics=snakemake.params.statistics,
             recording=snakemake.params.recording,
         )

@@ -14,18 +14,16 @@ def main(
     features_file: str,
     trust_file: str,
     output: str,
-    groups: Mapping[str, int],
-    noise: Mapping[str, str],
-    seeds: int,
+    images: Mapping,
     statistics: Mapping,
     cut_offs: Mapping[str, float],
-    sharing: Mapping[str, str],
+    sharing: Mapping[int, str],
 ) -> None:
-    table = read_groups(features_file, groups, noise=noise, seeds=seeds)
+    table = read_groups(features_file, **images)
     without = trust.trust_table(
         table,
         features_of(table),
-        {groups[protocol]: label for protocol, label in sharing.items()},
+        sharing,
         cut_offs["w_stability_percent"],
         threshold=statistics["threshold"],
         compare=statistics["compare"],
@@ -42,9 +40,7 @@ if "snakemake" in globals():
             features_file=snakemake.input.features,
             trust_file=snakemake.input.trust,
             output=snakemake.output[0],
-            groups=snakemake.params.groups,
-            noise=snakemake.params.noise,
-            seeds=snakemake.params.seeds,
+            images=snakemake.params.images,
             statistics=snakemake.params.statistics,
             cut_offs=snakemake.params.cut_offs,
             sharing=snakemake.params.sharing,

@@ -18,9 +18,7 @@ def main(
     geometry_name: str,
     acquisitions: Sequence[Mapping],
     engine: str,
-    model: str,
-    draws: str,
-    study_seed: int,
+    noise: Mapping,
     mu_water_per_mm: float,
     zero_counts_as: float,
     threads: int,
@@ -60,15 +58,7 @@ def main(
         geometries.append(geometry)
         if noisy is None:
             noisy = np.empty((len(paths), *clean.shape), dtype=np.float32)
-        counts = acquire(
-            clean,
-            geometry=geometry_name,
-            model=model,
-            draws=draws,
-            study_seed=study_seed,
-            state=state,
-            **acquisition,
-        )
+        counts = acquire(clean, geometry=geometry_name, state=state, **noise, **acquisition)
         noisy[lane] = counts.line_integrals(zero_counts_as)
         log.info(
             "%s: fewest counts %d, pixels without any %d", acquisition, counts.data.min(), (counts.data == 0).sum()
@@ -96,9 +86,7 @@ if "snakemake" in globals():
             geometry_name=snakemake.params.geometry,
             acquisitions=snakemake.params.acquisitions,
             engine=snakemake.params.engine,
-            model=snakemake.params.model,
-            draws=snakemake.params.draws,
-            study_seed=snakemake.params.study_seed,
+            noise=snakemake.params.noise,
             mu_water_per_mm=snakemake.params.mu_water_per_mm,
             zero_counts_as=snakemake.params.zero_counts_as,
             threads=snakemake.threads,

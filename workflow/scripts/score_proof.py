@@ -33,10 +33,8 @@ def main(
     runs_file: str,
     score_file: str,
     page_file: str,
-    confusion_png: str,
-    confusion_pdf: str,
-    example_png: str,
-    example_pdf: str,
+    confusion_files: list[str],
+    example_files: list[str],
     suite: Mapping,
     registered_settings: Mapping,
 ) -> None:
@@ -53,10 +51,10 @@ def main(
     }
     write_document(found, score_file, SCORE)
     write_text(blind_validation_page(found, maps, {case: path.as_posix() for case, path in reports.items()}), page_file)
-    style.save(confusion.draw(found["confusion"]), [confusion_png, confusion_pdf])
+    style.save(confusion.draw(found["confusion"]), confusion_files)
     shown = example(cases)
     figure = before_after.draw(*maps[shown.name], shown.kind, *in_words(shown))
-    style.save(figure, [example_png, example_pdf])
+    style.save(figure, example_files)
     log_run(runs_file, "scored", registration, len(cases))
     for target in found["targets"]:
         log.info("%s: %s, target %s %s", target["what"], target["value"], target["sense"], target["target"])
@@ -79,10 +77,8 @@ if "snakemake" in globals():
             runs_file=snakemake.params.runs,
             score_file=snakemake.output.score,
             page_file=snakemake.output.page,
-            confusion_png=snakemake.output.confusion_png,
-            confusion_pdf=snakemake.output.confusion_pdf,
-            example_png=snakemake.output.example_png,
-            example_pdf=snakemake.output.example_pdf,
+            confusion_files=[snakemake.output.confusion_png, snakemake.output.confusion_pdf],
+            example_files=[snakemake.output.example_png, snakemake.output.example_pdf],
             suite=snakemake.params.suite,
             registered_settings=snakemake.params.registered,
         )

@@ -15,12 +15,10 @@ def main(
     noise_control: str | None,
     output: str,
     controls_output: str,
-    groups: Mapping[str, int],
-    noise: Mapping[str, str],
-    seeds: int,
+    images: Mapping,
     statistics: Mapping,
 ) -> None:
-    table = read_groups(features_file, groups, noise=noise, seeds=seeds)
+    table = read_groups(features_file, **images)
     options = {"source": features_file, **statistics}
     files.write_csv(wilcoxon.scores(table, features_of(table), **options), output)
     found = controls.controls(table, features_of(table), **options)
@@ -39,8 +37,6 @@ if "snakemake" in globals():
             noise_control=snakemake.input.get("noise_control") or None,
             output=snakemake.output.scores,
             controls_output=snakemake.output.controls,
-            groups=snakemake.params.groups,
-            noise=snakemake.params.noise,
-            seeds=snakemake.params.seeds,
+            images=snakemake.params.images,
             statistics=snakemake.params.statistics,
         )

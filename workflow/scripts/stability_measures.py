@@ -15,12 +15,10 @@ def main(
     trust_file: str,
     measures_output: str,
     features_output: str,
-    groups: Mapping[str, int],
-    noise: Mapping[str, str],
-    seeds: int,
+    images: Mapping,
     cut_offs: Mapping[str, float],
 ) -> None:
-    table = read_groups(features_file, groups, noise=noise, seeds=seeds)
+    table = read_groups(features_file, **images)
     scores = robustness.between_protocols(files.read_csv(trust_file))
     measured = stability_measures.measure_table(table, scores, features_of(table), cut_offs, features_file)
     features = stability_measures.stable_by_feature(measured)
@@ -46,8 +44,6 @@ if "snakemake" in globals():
             trust_file=snakemake.input.trust,
             measures_output=snakemake.output.measures,
             features_output=snakemake.output.features,
-            groups=snakemake.params.groups,
-            noise=snakemake.params.noise,
-            seeds=snakemake.params.seeds,
+            images=snakemake.params.images,
             cut_offs=snakemake.params.cut_offs,
         )

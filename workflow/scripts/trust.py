@@ -17,12 +17,10 @@ def main(
     extraction_file: str | None,
     table_output: str,
     features_output: str,
-    groups: Mapping[str, int],
-    noise: Mapping[str, str],
-    seeds: int,
+    images: Mapping,
     statistics: Mapping,
     cut_offs: Mapping[str, float],
-    sharing: Mapping[str, str],
+    sharing: Mapping[int, str],
     pairs: Sequence[Mapping],
     parameters: Mapping,
 ) -> None:
@@ -32,13 +30,12 @@ def main(
     found = robustness.robustness_table(
         every_image, features_of(every_image), acquired, cut_offs, threshold=threshold, source=features_file
     )
-    if len(groups) > 1:
-        table = read_groups(features_file, groups, noise=noise, seeds=seeds)
-        labels = {groups[protocol]: label for protocol, label in sharing.items()}
+    if len(images["groups"]) > 1:
+        table = read_groups(features_file, **images)
         stability = trust.trust_table(
             table,
             features_of(table),
-            labels,
+            sharing,
             cut_offs["w_stability_percent"],
             threshold=threshold,
             compare=statistics["compare"],
@@ -71,9 +68,7 @@ if "snakemake" in globals():
             extraction_file=snakemake.input.get("extraction") or None,
             table_output=snakemake.output.table,
             features_output=snakemake.output.features,
-            groups=snakemake.params.groups,
-            noise=snakemake.params.noise,
-            seeds=snakemake.params.seeds,
+            images=snakemake.params.images,
             statistics=snakemake.params.statistics,
             cut_offs=snakemake.params.cut_offs,
             sharing=snakemake.params.sharing,

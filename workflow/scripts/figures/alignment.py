@@ -15,8 +15,7 @@ def main(
     rois: str,
     alignment_file: str,
     phantom: str,
-    png: str,
-    pdf: str,
+    outputs: list[str],
 ) -> None:
     image = volumes.read_nifti(image_file)
     table, masks = read_masks(rois, image.grid)
@@ -28,7 +27,7 @@ def main(
         masks,
         dict(zip(table["roi"], table["tissue_class"], strict=True)),
     )
-    style.save(figure, [png, pdf])
+    style.save(figure, outputs)
 
 
 if "snakemake" in globals():
@@ -38,6 +37,5 @@ if "snakemake" in globals():
             rois=snakemake.input.rois,
             alignment_file=snakemake.input.alignment,
             phantom=snakemake.input.phantom,
-            png=snakemake.output.png,
-            pdf=snakemake.output.pdf,
+            outputs=[snakemake.output.png, snakemake.output.pdf],
         )

@@ -5,17 +5,9 @@ from virtual_phantom.io import files
 from virtual_phantom.study.job import job
 
 
-def main(
-    *,
-    cells_file: str,
-    features: str,
-    png: str,
-    pdf: str,
-    title: str,
-    trial: bool,
-) -> None:
+def main(*, cells_file: str, features: str, outputs: list[str], title: str, trial: bool) -> None:
     cells, summary = files.read_csv(cells_file), files.read_csv(features)
-    style.save(comparison.draw(cells, summary, title), [png, pdf], trial=trial)
+    style.save(comparison.draw(cells, summary, title), outputs, trial=trial)
 
 
 if "snakemake" in globals():
@@ -23,8 +15,7 @@ if "snakemake" in globals():
         main(
             cells_file=snakemake.input.cells,
             features=snakemake.input.features,
-            png=snakemake.output.png,
-            pdf=snakemake.output.pdf,
+            outputs=[snakemake.output.png, snakemake.output.pdf],
             title=snakemake.params.title,
             trial=snakemake.params.trial,
         )

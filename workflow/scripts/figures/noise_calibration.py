@@ -12,8 +12,7 @@ from virtual_phantom.study.job import job
 def main(
     *,
     table: str,
-    png: str,
-    pdf: str,
+    outputs: list[str],
     study_levels: Sequence,
     measured_noise: Sequence[Mapping],
     trial: bool,
@@ -24,15 +23,14 @@ def main(
     if measured and MEASURED_ROI in set(rows["roi"]):
         roi, column = MEASURED_ROI, noise_calibration.AMONG_VOXELS
     figure = noise_calibration.draw(rows, study_levels, measured, roi, column)
-    style.save(figure, [png, pdf], trial=trial)
+    style.save(figure, outputs, trial=trial)
 
 
 if "snakemake" in globals():
     with job(snakemake):
         main(
             table=snakemake.input.table,
-            png=snakemake.output.png,
-            pdf=snakemake.output.pdf,
+            outputs=[snakemake.output.png, snakemake.output.pdf],
             study_levels=snakemake.params.study_levels,
             measured_noise=snakemake.params.measured,
             trial=snakemake.params.trial,

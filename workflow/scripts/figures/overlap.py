@@ -5,16 +5,15 @@ from virtual_phantom.io import files
 from virtual_phantom.study.job import job
 
 
-def main(*, table: str, png: str, pdf: str, trial: bool) -> None:
+def main(*, table: str, outputs: list[str], trial: bool) -> None:
     figure = overlap.draw(files.read_csv(table))
-    style.save(figure, [png, pdf], trial=trial)
+    style.save(figure, outputs, trial=trial)
 
 
 if "snakemake" in globals():
     with job(snakemake):
         main(
             table=snakemake.input.table,
-            png=snakemake.output.png,
-            pdf=snakemake.output.pdf,
+            outputs=[snakemake.output.png, snakemake.output.pdf],
             trial=snakemake.params.trial,
         )

@@ -5,24 +5,16 @@ from virtual_phantom.io import files
 from virtual_phantom.study.job import job
 
 
-def main(
-    *,
-    table: str,
-    png: str,
-    pdf: str,
-    title: str,
-    trial: bool,
-) -> None:
+def main(*, table: str, outputs: list[str], title: str, trial: bool) -> None:
     figure = pca.draw(files.read_csv(table), title)
-    style.save(figure, [png, pdf], trial=trial)
+    style.save(figure, outputs, trial=trial)
 
 
 if "snakemake" in globals():
     with job(snakemake):
         main(
             table=snakemake.input.table,
-            png=snakemake.output.png,
-            pdf=snakemake.output.pdf,
+            outputs=[snakemake.output.png, snakemake.output.pdf],
             title=snakemake.params.title,
             trial=snakemake.params.trial,
         )

@@ -7,25 +7,16 @@ from virtual_phantom.io import files
 from virtual_phantom.study.job import job
 
 
-def main(
-    *,
-    table: str,
-    png: str,
-    pdf: str,
-    threshold: float,
-    noise: Mapping,
-    trial: bool,
-) -> None:
+def main(*, table: str, outputs: list[str], threshold: float, noise: Mapping, trial: bool) -> None:
     figure = physics_change.draw(files.read_csv(table), threshold, noise=noise)
-    style.save(figure, [png, pdf], trial=trial)
+    style.save(figure, outputs, trial=trial)
 
 
 if "snakemake" in globals():
     with job(snakemake):
         main(
             table=snakemake.input.table,
-            png=snakemake.output.png,
-            pdf=snakemake.output.pdf,
+            outputs=[snakemake.output.png, snakemake.output.pdf],
             threshold=snakemake.params.threshold,
             noise=snakemake.params.noise,
             trial=snakemake.params.trial,

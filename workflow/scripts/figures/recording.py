@@ -7,7 +7,7 @@ from virtual_phantom.recordings.scan import UNKNOWN
 from virtual_phantom.study.job import job
 
 
-def main(*, folder: str, png: str, pdf: str) -> None:
+def main(*, folder: str, outputs: list[str]) -> None:
     recording = load_recording(folder)
     first = recording.repeats[0]
     if recording.kind == "projections":
@@ -17,13 +17,12 @@ def main(*, folder: str, png: str, pdf: str) -> None:
         figure = figures.draw_projections(line_integrals, recording.geometry, recording.name, unit, known)
     else:
         figure = figures.draw_images(first, recording.name)
-    style.save(figure, [png, pdf])
+    style.save(figure, outputs)
 
 
 if "snakemake" in globals():
     with job(snakemake):
         main(
             folder=snakemake.params.folder,
-            png=snakemake.output.png,
-            pdf=snakemake.output.pdf,
+            outputs=[snakemake.output.png, snakemake.output.pdf],
         )

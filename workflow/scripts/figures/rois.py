@@ -6,11 +6,11 @@ from virtual_phantom.phantom import read_masks
 from virtual_phantom.study.job import job
 
 
-def main(*, image: str, rois_file: str, png: str, pdf: str) -> None:
+def main(*, image: str, rois_file: str, outputs: list[str]) -> None:
     phantom = volumes.read_nifti(image)
     table, masks = read_masks(rois_file, phantom.grid)
     figure = rois.draw(phantom, masks, dict(zip(table["roi"], table["tissue_class"], strict=True)))
-    style.save(figure, [png, pdf])
+    style.save(figure, outputs)
 
 
 if "snakemake" in globals():
@@ -18,6 +18,5 @@ if "snakemake" in globals():
         main(
             image=snakemake.input.image,
             rois_file=snakemake.input.rois,
-            png=snakemake.output.png,
-            pdf=snakemake.output.pdf,
+            outputs=[snakemake.output.png, snakemake.output.pdf],
         )

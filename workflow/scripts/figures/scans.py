@@ -13,8 +13,7 @@ def main(
     phantom_file: str,
     rois_file: str,
     image_files: Mapping[str, str],
-    png: str,
-    pdf: str,
+    outputs: list[str],
     titles: Mapping[str, str],
     noise: Mapping,
 ) -> None:
@@ -22,7 +21,7 @@ def main(
     _, masks = read_masks(rois_file, phantom.grid)
     reconstructions = {titles[name]: volumes.read_nifti(image_files[name]) for name in ("fbp", "sirt")}
     figure = scans.draw(phantom, reconstructions, axial.choose_slices(masks)[0], noise)
-    style.save(figure, [png, pdf])
+    style.save(figure, outputs)
 
 
 if "snakemake" in globals():
@@ -31,8 +30,7 @@ if "snakemake" in globals():
             phantom_file=snakemake.input.phantom,
             rois_file=snakemake.input.rois,
             image_files={"fbp": snakemake.input.fbp, "sirt": snakemake.input.sirt},
-            png=snakemake.output.png,
-            pdf=snakemake.output.pdf,
+            outputs=[snakemake.output.png, snakemake.output.pdf],
             titles=snakemake.params.titles,
             noise=snakemake.params.noise,
         )

@@ -14,8 +14,7 @@ def main(
     controls_file: str,
     trust: str,
     scores_file: str | None,
-    png: str,
-    pdf: str,
+    outputs: list[str],
     threshold: float,
     with_measured: bool,
     recording: str | None,
@@ -36,7 +35,7 @@ def main(
     figure = stability_discrimination.draw(
         table, threshold, scores, repeats=repeats, sd=sd, intervals=intervals, noise=noise, controls=controls
     )
-    style.save(figure, [png, pdf], trial=trial)
+    style.save(figure, outputs, trial=trial)
 
 
 if "snakemake" in globals():
@@ -46,8 +45,7 @@ if "snakemake" in globals():
             controls_file=snakemake.input.controls,
             trust=snakemake.input.trust,
             scores_file=snakemake.input.get("scores"),
-            png=snakemake.output.png,
-            pdf=snakemake.output.pdf,
+            outputs=[snakemake.output.png, snakemake.output.pdf],
             threshold=snakemake.params.threshold,
             with_measured=snakemake.params.with_measured,
             recording=snakemake.params.recording,

@@ -30,12 +30,17 @@ class Selections:
     def _analyses(self) -> Analyses:
         return self.plan.study.analyses
 
-    @property
-    def compared_images(self) -> dict:
-        """Images whose features the stability analysis compares between groups of protocols."""
-        levels = self.plan.compared_levels()
-        repeats = self.plan.repeats(levels.values()) if levels else 0
-        return {"groups": self.plan.groups(), "noise": levels, "seeds": repeats}
+    def compared_images(self, groups: Mapping[str, int] | None = None) -> dict:
+        """Return the images that are compared between groups of protocols: arguments of features.tables.read_groups.
+
+        Parameters
+        ----------
+        groups : mapping of str to int, optional
+            {protocol: group}; by default the groups of the stability analysis.
+        """
+        groups = self.plan.groups() if groups is None else groups
+        levels = self.plan.compared_levels(groups)
+        return {"groups": groups, "noise": levels, "seeds": self.plan.repeats(levels.values()) if levels else 0}
 
     @property
     def noise_control(self) -> bool:
@@ -88,20 +93,15 @@ class Selections:
             return self.files("scores", recording=self.own_reference)
         return resource("ct_phantom4radiomics_draws.csv")
 
-    def sharing(self, groups: Mapping[str, int] | None = None) -> dict[str, str]:
-        """Return {protocol: label}, with the same label for protocols that share their noise.
+    def sharing(self, groups: Mapping[str, int] | None = None) -> dict[int, str]:
+        """Return {group: label} for `compared_images`, with the same label for protocols that share their noise.
 
         Protocols that reconstruct the same acquisitions share their noise. With common draws, all do.
-
-        Parameters
-        ----------
-        groups : mapping of str to int, optional
-            {protocol: group}; by default the groups of the stability analysis.
         """
-        draws, levels = self.acquisitions.noise["draws"], self.plan.compared_levels(groups)
+        draws, images = self.plan.study.noise.draws, self.compared_images(groups)
         return {
-            protocol: draws if draws == "common" else f"{self.plan.geometry_of(protocol)}/{noise}"
-            for protocol, noise in levels.items()
+            images["groups"][protocol]: draws if draws == "common" else f"{self.plan.geometry_of(protocol)}/{noise}"
+            for protocol, noise in images["noise"].items()
         }
 
     @property
@@ -172,15 +172,6 @@ class Selections:
     def study_levels(self) -> dict[str, float]:
         """Return {noise level: A} of the stability analysis if the configuration gives A."""
         return {noise: level for noise, level in self.compared_noise().items() if level is not None}
-
-    def components(self, name: str) -> dict:
-        """Return the images whose principal components a figure shows."""
-        chosen = self._analyses.pca[name]
-        return {"protocols": chosen.protocols, "noise": chosen.noise, "seeds": self.plan.repeats(chosen.noise)}
-
-    def fit_settings(self, name: str) -> dict:
-        """Return the settings for fitting the components of a figure."""
-        return {key: getattr(self._analyses.pca[name], key) for key in ("fit_on", "standardise")}
 
     def reference_tables(self, name: str) -> list[str]:
         """Return the tables of measured features that a figure of components shows."""
