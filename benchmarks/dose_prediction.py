@@ -30,9 +30,10 @@ from virtual_phantom.image_model.fitting import Measured, fit_noise, fit_region
 from virtual_phantom.image_model.noise import NoiseModel
 from virtual_phantom.image_model.region import Blur, RegionModel
 from virtual_phantom.image_model.scanner import ImageScanner, features_of
+from virtual_phantom.io.files import read_csv
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.phantom.texture import Component, Texture
-from virtual_phantom.statistics import measured
+from virtual_phantom.statistics import dose_series, measured
 
 SEED = 51
 SPACING = (1.0, 0.684, 0.684)  # mm, of the dose series
@@ -67,7 +68,7 @@ def masks() -> dict[str, np.ndarray]:
 
 def series() -> dict[tuple[str, str, int], Measured]:
     """Measured features by (region, reconstruction, dose)."""
-    table = measured.load_dose_series()
+    table = read_csv(dose_series.TABLE)
     return {
         key: Measured(rows["mean"].reindex(FEATURES), rows["sd"].reindex(FEATURES))
         for key, rows in table.set_index("feature").groupby(["roi", "reconstruction", "dose_mgy"])

@@ -8,7 +8,8 @@ from recording_folders import features_table
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.features.hu_offset import convert_to_hu
-from virtual_phantom.statistics import measured, repeats, wilcoxon
+from virtual_phantom.io.files import read_csv
+from virtual_phantom.statistics import dose_series, measured, repeats, wilcoxon
 from virtual_phantom.statistics.dose_series import dose_variance
 from virtual_phantom.statistics.ranking import KINDS
 
@@ -130,7 +131,7 @@ def test_first_order_features_in_hu_equal_those_of_shifted_values(offset):
 
 
 def test_summaries_are_complete():
-    groups, dose = measured.load_group_summary(), measured.load_dose_series()
+    groups, dose = measured.load_group_summary(), read_csv(dose_series.TABLE)
     assert len(groups) == 8 * 6 * 85 and len(dose) == 3 * 2 * 6 * 86
     assert set(groups["feature"]) == set(measured.PHANTOM4RADIOMICS_FEATURES) and set(dose["feature"]) == set(FEATURES)
     assert groups.notna().all().all() and dose.notna().all().all()
@@ -203,7 +204,7 @@ def test_stored_group_summary_equals_that_of_the_table():
 @pytest.mark.skipif(not DOSE.exists(), reason="the table of the dose series is not beside the checkout")
 def test_stored_dose_series_equals_that_of_the_table():
     raw = pd.read_csv(DOSE)
-    shipped = measured.load_dose_series()
+    shipped = read_csv(dose_series.TABLE)
     for (dose, code, name), rows in raw.groupby(["dose_mGy", "recon_code", "roi6"]):
         of = shipped[
             (shipped["dose_mgy"] == dose)

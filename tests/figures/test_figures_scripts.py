@@ -10,7 +10,8 @@ import pandas
 import pytest
 from robust_study import CUT_OFFS, robustness_table
 
-from virtual_phantom.io.files import write_csv
+from virtual_phantom.base.data import RESOURCES
+from virtual_phantom.io.files import read_csv, write_csv
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.statistics import ANY_PROTOCOL
 
@@ -112,9 +113,8 @@ def test_tables(run, tmp_path, calibration, stability, controls, overlap, make_p
 
 def test_measured_scores_are_shown_with_simulated_ones(run, tmp_path, controls):
     from virtual_phantom.features.names import family
-    from virtual_phantom.statistics import measured
 
-    scores = measured.load_scores()
+    scores = read_csv(RESOURCES / "ct_phantom4radiomics_scores.csv")
     write_csv(scores.assign(family=scores["feature"].map(family)), tmp_path / "table.csv")
     intervals = scores[["feature"]].assign(change=ANY_PROTOCOL, ci95_low=1.0, ci95_high=99.0)
     write_csv(intervals, tmp_path / "trust.csv")

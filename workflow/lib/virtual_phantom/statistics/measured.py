@@ -23,7 +23,6 @@ from ..features import consistency
 from ..features.names import FEATURES
 from ..features.table_files import read_table
 from ..io.files import read_csv
-from . import dose_series
 
 FIRST_REPOSITIONED = 21  # of 30 acquisitions; Flouris et al., Sci. Rep. 12, 4732 (2022), methods
 ACQUISITIONS = ("fixed", "all")  # without and with re-positioned acquisitions
@@ -67,7 +66,9 @@ def load_group_summary() -> pd.DataFrame:
     DataFrame
         Columns group (1 to 8), roi, tissue_class, feature (85 of the 86), mean, sd, n.
     """
-    return _with_classes(read_csv(RESOURCES / "ct_phantom4radiomics_groups.csv"))
+    table = read_csv(RESOURCES / "ct_phantom4radiomics_groups.csv")
+    table.insert(table.columns.get_loc("roi") + 1, "tissue_class", table["roi"].map(TISSUE_CLASSES))
+    return table
 
 
 def group_means() -> pd.DataFrame:
@@ -76,26 +77,11 @@ def group_means() -> pd.DataFrame:
     return wide.reset_index().rename_axis(columns=None)
 
 
-def load_scores() -> pd.DataFrame:
-    """Stability and discriminative power measured in CT-Phantom4Radiomics.
-
-    The scores are from `statistics.wilcoxon.scores` at threshold 1, per ROI, over 8 groups: 168 comparisons for
-    stability, 104 for discrimination. Features are of stored values (HU + 1024). All 29 or 30 acquisitions are used,
-    including re-positioned ones.
-
-    |W| grows with the square root of the number of repeats, so do not compare these scores with scores from fewer
-    repeats. Use `load_score_draws` for that.
-
-    Returns
-    -------
-    DataFrame
-        Columns feature (85 of the 86), stability_percent, discrimination_percent.
-    """
-    return read_csv(RESOURCES / "ct_phantom4radiomics_scores.csv")
-
-
 def load_score_draws(repeats: int, acquisitions: str = "fixed") -> pd.DataFrame:
-    """Scores as in `load_scores` from random subsamples with as many acquisitions as a study has repeats.
+    """Scores measured in CT-Phantom4Radiomics, in random subsamples with as many acquisitions as a study has repeats.
+
+    They are from `statistics.wilcoxon.scores` at threshold 1, per ROI, over 8 groups, with features of stored values
+    (HU + 1024).
 
     Parameters
     ----------
@@ -132,17 +118,6 @@ def load_score_draws(repeats: int, acquisitions: str = "fixed") -> pd.DataFrame:
     order = wide["feature"].map(PHANTOM4RADIOMICS_FEATURES.index)
     wide = wide.assign(_order=order).sort_values(["draw", "_order"], ignore_index=True).drop(columns="_order")
     return wide.rename(columns=lambda name: f"{name}_percent" if name in ("stability", "discrimination") else name)
-
-
-def load_dose_series() -> pd.DataFrame:
-    """Mean and SD (n - 1) over repeats of each feature in the dose series of CT4Harmonization-Multicentric.
-
-    Returns
-    -------
-    DataFrame
-        Columns dose_mgy (1, 3, 10), reconstruction (fbp | iterative), roi, tissue_class, feature (all 86), mean, sd, n.
-    """
-    return _with_classes(read_csv(dose_series.TABLE))
 
 
 def load_full_table(path: str | Path) -> pd.DataFrame:
@@ -257,8 +232,3 @@ def load_published_top() -> pd.DataFrame:
     Columns: kind (stability | discrimination), source (simulator | phantom), rank, feature.
     """
     return read_csv(RESOURCES / "published_top_features.csv")
-
-
-def _with_classes(table: pd.DataFrame) -> pd.DataFrame:
-    table.insert(table.columns.get_loc("roi") + 1, "tissue_class", table["roi"].map(TISSUE_CLASSES))
-    return table
