@@ -270,7 +270,7 @@ def test_second_run_does_nothing(study):
 
 def analysis_rules(**changes):
     """Rules of the tiny study after feature extraction, with these changes of its analyses."""
-    return {job.rule for job in analyses.jobs(plan_of(TINY_STUDY, {"analyses": changes}))}
+    return {job.outputs[0].rule for job in analyses.jobs(plan_of(TINY_STUDY, {"analyses": changes}))}
 
 
 AFTER_STABILITY = {

@@ -43,7 +43,7 @@ elif scans.absent:
     rule link_scans:
         """Link to the scans in a folder of the user."""
         output:
-            [directory(folder) for folder in scans.absent_folders()],
+            [directory(folder) for folder in scans.folders(scans.absent)],
         log:
             results("logs/link_scans.log"),
         resources:

@@ -117,12 +117,8 @@ rule rois_on_voxels:
         "../scripts/rois_on_voxels.py"
 
 
-rule rois_moved:
-    """ROIs of a re-positioned scan, on the voxels of the study or of a scanner."""
-    input:
-        sources=context.phantom.files(),
-        fine=rules.phantom.output.fine,
-        image=rules.phantom.output.image,
+use rule rois_on_voxels as rois_moved with:
+    # ROIs of a re-positioned scan, on the voxels of the study or of a scanner.
     output:
         table=results("phantom/moved/seed{seed}/{voxels}/rois.csv"),
         rois=directory(results("phantom/moved/seed{seed}/{voxels}/rois")),
@@ -130,16 +126,9 @@ rule rois_moved:
         results("logs/rois_moved/seed{seed}_{voxels}.log"),
     wildcard_constraints:
         voxels="grid|voxels_[0-9a-z_]+",
-    group:
-        "preparation"
-    resources:
-        mem_mb=context.megabytes(volumes=8, fine=4),
-        runtime=30,
     params:
         phantom=to_mapping(context.study.phantom),
         seed=context.study.seed,
         pose=lambda wildcards: context.acquisitions.pose(wildcards.seed),
         spacing_mm=lambda wildcards: context.plan.voxel_spacing(wildcards.voxels),
         code=code("rois_on_voxels.py"),
-    script:
-        "../scripts/rois_on_voxels.py"

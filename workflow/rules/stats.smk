@@ -63,7 +63,7 @@ rule trust:
     """Robustness of each feature against each kind of change; parameter file of the robust features."""
     input:
         features=rules.merge_features.output[0],
-        extraction=results("extraction.csv") if selections.compares_extraction else [],
+        extraction=results("extraction.csv") if context.plan.compares_extraction else [],
         parameters=context.parameter_files,
     output:
         table=reported("tables/trust.csv"),

@@ -21,7 +21,7 @@ from .config_rules import Names, Rules
 from .outputs import Files
 from .plan import without_physics
 from .public_scans import made_folders
-from .read_config import REMOVABLE
+from .read_config import REMOVABLE, section_at
 from .settings import Study
 
 # Sections whose keys are names chosen by the user.
@@ -81,45 +81,32 @@ def complete(settings: Mapping) -> dict:
 def _without_nulls(settings: Mapping) -> dict:
     """Return a copy without the keys that null removes."""
     config = copy.deepcopy(dict(settings))
-    paths: list[tuple[str, ...]] = list(REMOVABLE)
-    if isinstance(config.get("protocols"), dict):
-        paths += [("protocols", name) for name in config["protocols"]]
-    for path in paths:
-        section = config
-        for key in path:
-            section = section.get(key) if isinstance(section, dict) else None
-        if isinstance(section, dict):
-            for key in [key for key, value in section.items() if value is None]:
-                del section[key]
+    for path in (*REMOVABLE, *(("protocols", name) for name in section_at(config, "protocols"))):
+        section = section_at(config, *path)
+        for key in [key for key, value in section.items() if value is None]:
+            del section[key]
     return config
-
-
-def _section(config: object, *path: str) -> dict:
-    """Return the section at a path of keys; {} if there is none."""
-    for key in path:
-        config = config.get(key) if isinstance(config, dict) else None
-    return config if isinstance(config, dict) else {}
 
 
 def _name_labels(config: dict) -> None:
     """Convert labels of label maps to text like all other keys; YAML reads them as whole numbers."""
-    for recording in _section(config, "diagnosis", "recordings").values():
-        if materials := _section(recording, "object", "materials"):
+    for recording in section_at(config, "diagnosis", "recordings").values():
+        if materials := section_at(recording, "object", "materials"):
             recording["object"]["materials"] = {str(k) if type(k) is int else k: name for k, name in materials.items()}
 
 
 def _name_materials(config: dict) -> None:
     """Replace alternative names of materials by the library's names."""
-    sections = [(_section(config, "materials"), ("soft", "dense"))]
-    for recording in _section(config, "diagnosis", "recordings").values():
-        sections += [(_section(recording, key), ("material",)) for key in ("disc", "object")]
+    sections = [(section_at(config, "materials"), ("soft", "dense"))]
+    for recording in section_at(config, "diagnosis", "recordings").values():
+        sections += [(section_at(recording, key), ("material",)) for key in ("disc", "object")]
     for section, keys in sections:
         section |= {key: library_name(section[key]) for key in keys if key in section}
 
 
 def _replace_attribute(config: dict) -> None:
     """Replace the deprecated key `analyses.comparison.*.attribute` by `diagnosis.comparisons`."""
-    for name, comparison in _section(config, "analyses", "comparison").items():
+    for name, comparison in section_at(config, "analyses", "comparison").items():
         if not isinstance(comparison, dict) or type(comparison.get("attribute")) is not bool:
             continue
         diagnosis = config.setdefault("diagnosis", {})
@@ -135,7 +122,7 @@ def _find_resources(config: dict) -> None:
     """Find files of the CT below `resources`, or below its former name `downloads`, whichever folder exists."""
     if (folder := resources_folder()) == OLD_FOLDER:
         note(f"{OLD_FOLDER}: this folder is named {FOLDER} now; rename it, as the next release does not look into it")
-    ct = _section(config, "phantom", "ct")
+    ct = section_at(config, "phantom", "ct")
     rois = [roi for roi in ct.get("rois") or () if isinstance(roi, dict)] if isinstance(ct.get("rois"), list) else []
     for where, section, key in (("", ct, "image"), ("", ct, "labels"), *(("rois.", roi, "file") for roi in rois)):
         path = section.get(key)
@@ -185,7 +172,7 @@ def inspect_config(settings: Mapping) -> tuple[list[str], dict]:
     if "scan" in rest:
         rest["scans"] = {name: with_beam(rest["scan"] | changes) for name, changes in scans.items()}
         rest["scan"] = with_beam(rest["scan"])
-    lines = [mistake.line for mistake in found] + list(Rules(rest, Names.of(settings)).lines())
+    lines = [mistake.line for mistake in found] + list(Rules(rest, Names(settings)).lines())
     try:
         rest["proof"]["seed"] = seed_of(rest["proof"]["seed"])
     except InputError as error:  # without a seed, there are no cases to check

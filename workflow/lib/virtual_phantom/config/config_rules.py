@@ -19,6 +19,7 @@ from ..physics.effect import DIVERGENT_BEAM, check_readings, checked, effects_ne
 from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 from .outputs import OUTPUTS, WILDCARD
 from .plan import WITHOUT_PHYSICS
+from .read_config import section_at
 
 PHYSICAL = "physical"  # model of noise with photons
 
@@ -42,9 +43,7 @@ class Entries(Collection):
     @classmethod
     def of(cls, settings: object, *path: str) -> Entries:
         """Return the entries at a path of keys."""
-        for key in path:
-            settings = settings.get(key) if isinstance(settings, Mapping) else None
-        section = settings if isinstance(settings, Mapping) else {}
+        section = section_at(settings, *path)
         removed = frozenset(str(key) for key, value in section.items() if value is None)
         return cls(".".join(path), tuple(str(key) for key in section if str(key) not in removed), removed)
 
@@ -58,34 +57,19 @@ class Entries(Collection):
         return len(self.names)
 
 
-@dataclass(frozen=True)
 class Names:
-    """Names in a configuration, including names of invalid entries."""
+    """Names in an unchecked configuration, including names of invalid entries."""
 
-    protocols: Entries
-    levels: Entries
-    scans: Entries
-    recordings: Entries
-    diagnosed: Entries
-    scanners: Entries
-    comparisons: Entries
-    quality: Entries
-    phantom: Entries
-
-    @classmethod
-    def of(cls, settings: Mapping) -> Names:
-        """Return the names in an unchecked configuration."""
-        return cls(
-            protocols=Entries.of(settings, "protocols"),
-            levels=Entries.of(settings, "noise", "levels"),
-            scans=Entries.of(settings, "scans"),
-            recordings=Entries.of(settings, "recordings"),
-            diagnosed=Entries.of(settings, "diagnosis", "recordings"),
-            scanners=Entries.of(settings, "diagnosis", "scanners"),
-            comparisons=Entries.of(settings, "analyses", "comparison"),
-            quality=Entries.of(settings, "image_quality"),
-            phantom=Entries.of(settings, "phantom"),
-        )
+    def __init__(self, settings: Mapping):
+        self.protocols = Entries.of(settings, "protocols")
+        self.levels = Entries.of(settings, "noise", "levels")
+        self.scans = Entries.of(settings, "scans")
+        self.recordings = Entries.of(settings, "recordings")
+        self.diagnosed = Entries.of(settings, "diagnosis", "recordings")
+        self.scanners = Entries.of(settings, "diagnosis", "scanners")
+        self.comparisons = Entries.of(settings, "analyses", "comparison")
+        self.quality = Entries.of(settings, "image_quality")
+        self.phantom = Entries.of(settings, "phantom")
 
 
 class Rules:

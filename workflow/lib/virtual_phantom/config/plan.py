@@ -273,6 +273,11 @@ class Plan:
         """Whether the ROIs have at least two tissue classes."""
         return len(set(self.tissue_classes.values())) != 1
 
+    @property
+    def compares_extraction(self) -> bool:
+        """Whether extraction settings are compared, which needs several ROIs or several conditions."""
+        return bool(self.variations) and (len(self.tissue_classes) != 1 or len(self.extracted_images()) > 1)
+
     def groups_without_physics(self) -> dict[str, int]:
         """Return {protocol: group number} with each protocol replaced by its copy without effects, if it has one."""
         if not (self.study.analyses.stability and self.study.analyses.stability.without_physics):

@@ -137,10 +137,6 @@ class PublicScans:
         """Scans that are not fetched yet."""
         return tuple(scan for scan in self.scans if not Path(self.scan_folder.format(scan=scan.name), SOURCE).exists())
 
-    def absent_folders(self) -> list[str]:
-        """Return the folders of the scans that are not fetched yet."""
-        return self.folders(self.absent)
-
     def fetched(self) -> list[str]:
         """Return the folders that `snakemake fetch` makes.
 

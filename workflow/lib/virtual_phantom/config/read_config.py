@@ -70,6 +70,13 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
     return lines, None if None in contents.values() else settings
 
 
+def section_at(settings: object, *path: str) -> dict:
+    """Return the section of a configuration at a path of keys; {} if there is none."""
+    for key in path:
+        settings = settings.get(key) if isinstance(settings, Mapping) else None
+    return settings if isinstance(settings, Mapping) else {}
+
+
 def study_changed_by(settings: Mapping) -> str:
     """Return the file of the study that a configuration changes, the default study unless its key `base` names one."""
     base = settings.get("base")
@@ -90,13 +97,9 @@ def _read(path: str | Path, lines: list[str]) -> dict | None:
 def _idle_nulls(settings: Mapping, content: Mapping) -> Iterator[str]:
     """Yield a line for each null in the content of a file that removes no entry of the settings."""
     for path in REMOVABLE:
-        before, after = settings, content
-        for key in path:
-            before = before.get(key) if isinstance(before, Mapping) else None
-            after = after.get(key) if isinstance(after, Mapping) else None
-        existing = before if isinstance(before, Mapping) else {}
-        for name in [key for key, value in after.items() if value is None] if isinstance(after, Mapping) else ():
-            if name not in existing:
+        existing = section_at(settings, *path)
+        for name, value in section_at(content, *path).items():
+            if value is None and name not in existing:
                 where = ".".join((*path, str(name)))
                 others = [str(key) for key, value in existing.items() if value is not None]
                 yield f"{where}: null removes nothing, as there is no such entry; {did_you_mean(str(name), others)}"

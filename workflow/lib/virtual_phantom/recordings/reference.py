@@ -68,11 +68,6 @@ def _shown(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def has_scores(recording: FeaturesRecording) -> bool:
-    """Return whether at least two conditions have at least two images each."""
-    return int((recording.images_per_condition() >= MINIMUM_IMAGES).sum()) >= MINIMUM_GROUPS
-
-
 def stability_scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFrame:
     """Return stability and discriminative power over the recording's conditions, for `statistics.ranking.overlap`.
 
@@ -97,7 +92,7 @@ def stability_scores(recording: FeaturesRecording, repeats: int, **options) -> p
         If fewer than two conditions have enough images, and as wilcoxon.scores raises.
     """
     name = f"recording {recording.name}"
-    if not has_scores(recording):
+    if (recording.images_per_condition() >= MINIMUM_IMAGES).sum() < MINIMUM_GROUPS:
         raise InputError(
             f"{name}: stability needs at least {MINIMUM_GROUPS} conditions with at least {MINIMUM_IMAGES} images each; "
             "list the columns that distinguish conditions under features.conditions, or remove its scores"

@@ -20,16 +20,6 @@ class AnalysisJob:
     images: int = 0  # that it reads
 
     @property
-    def rule(self) -> str:
-        """Name of the rule."""
-        return self.outputs[0].rule
-
-    @property
-    def stage(self) -> str | None:
-        """Name of the rates for a plan."""
-        return self.outputs[0].stage
-
-    @property
     def files(self) -> tuple[str, ...]:
         """Output files, relative to results_dir."""
         return tuple(path for output in self.outputs for path in output.paths(**self.known))
@@ -59,7 +49,7 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
         yield from _stability(plan, analyses.stability)
         if levels := plan.pattern_noise():
             yield _job("fixed_pattern", images=sum(len(plan.nominal_seeds(noise)) for noise in levels.values()))
-    if compares_extraction(plan):
+    if plan.compares_extraction:
         for setting in plan.variations:
             for protocol, noise in plan.extracted_images():
                 known = {"setting": setting, "protocol": protocol, "noise": noise}
@@ -113,17 +103,12 @@ def impossible(plan: Plan) -> list[str]:
     if analyses.stability and len(classes) == 1:
         others = "W, CV or QCD" if plan.compares_protocols else "CV or QCD"
         sentences.append(f"ICC and CCC: not possible, since they compare several ROIs. Use {others}.")
-    if plan.variations and not compares_extraction(plan):
+    if plan.variations and not plan.compares_extraction:
         sentences.append(
             "Extraction settings: not compared, since one ROI in one protocol and noise level has no measure of "
             "robustness."
         )
     return sentences
-
-
-def compares_extraction(plan: Plan) -> bool:
-    """Return whether extraction settings are compared, which needs several ROIs or several conditions."""
-    return bool(plan.variations) and (len(plan.tissue_classes) != 1 or len(plan.extracted_images()) > 1)
 
 
 def _stability(plan: Plan, stability: Stability) -> Iterator[AnalysisJob]:

@@ -133,8 +133,7 @@ class Context:
 
     def parquet_tables(self) -> list[str]:
         """Return the paths of all requested tables as Parquet."""
-        made = [output.paths(**known)[0].removesuffix(".csv") for output, known in analyses.tables(self.plan)]
-        return [self.files("parquet", table=table) for table in made]
+        return [f"{path.removesuffix('.csv')}.parquet" for path in self.tables()]
 
     def targets(self) -> list[str]:
         """Return the paths of all requested files."""

@@ -121,7 +121,7 @@ class Pages:
     def setting_pairs(self) -> list[dict]:
         """Return the pairs of settings in the table of robust features."""
         pairs = setting_pairs(self.plan)
-        if pairs and analyses.compares_extraction(self.plan):
+        if pairs and self.plan.compares_extraction:
             pairs = (*pairs, *extraction_pairs(self.plan))
         return to_mapping(pairs)
 

@@ -14,7 +14,6 @@ from ..config.public_scans import COMPARED, made_folders
 from ..config.settings import Analyses, Conditions
 from ..statistics.dose_series import dose_variance
 from .acquisitions import Acquisitions
-from .analyses import compares_extraction
 from .phantom_sources import present
 
 
@@ -68,11 +67,6 @@ class Selections:
             for name in self.plan.variations
             for protocol, noise in self.plan.extracted_images()
         ]
-
-    @property
-    def compares_extraction(self) -> bool:
-        """Whether the study compares extraction settings."""
-        return compares_extraction(self.plan)
 
     def score_conditions(self, recording: str) -> Conditions:
         """Return the values of condition columns that select the images for the scores of a recording."""

@@ -15,6 +15,7 @@ from ...config.config import inspect_config
 from ...config.outputs import Files
 from ...config.plan import Plan
 from ...config.public_scans import PublicScans, made_folders
+from ...config.read_config import section_at
 from ...config.settings import Study
 from ...diagnosis.candidate_effects import candidate_conditions, candidates, check_accuracy, check_kinds
 from ...diagnosis.settings import LabelledObject, MaskedObject, OtherScan, ShapesObject
@@ -150,9 +151,8 @@ def _has_ct(study: Study) -> bool:
 
 def _number_of_rois(settings: Mapping) -> int:
     """Return the number of entries of phantom.ct.rois, including invalid ones."""
-    for key in ("phantom", "ct", "rois"):
-        settings = settings.get(key) if isinstance(settings, Mapping) else None
-    return len(settings) if isinstance(settings, list) else 0
+    rois = section_at(settings, "phantom", "ct").get("rois")
+    return len(rois) if isinstance(rois, list) else 0
 
 
 def _phantom(study: Study, keep: bool, rois: int) -> Iterator[str]:

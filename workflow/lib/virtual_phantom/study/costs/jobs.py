@@ -70,7 +70,7 @@ def study_jobs(plan: Plan, engine: str, rois: int) -> list[Job]:
     for job in analyses.jobs(plan):
         output = job.outputs[0]
         files = job.images * rois if output.counted == "features" else 1
-        work = sizes.intervals(rois) if job.stage == "trust" else sizes.images(job.images)
+        work = sizes.intervals(rois) if output.stage == "trust" else sizes.images(job.images)
         jobs.append(_job(output, job.files, work, files))
     return jobs
 
