@@ -1,4 +1,4 @@
-from virtual_phantom.config.outputs import PCA
+from virtual_phantom.config.outputs import BY_NAME, PCA
 
 selections = context.selections
 
@@ -184,7 +184,7 @@ for name in PCA:
             mem_mb=2000,
             runtime=10,
         params:
-            title=context.title(f"figure_pca_{name}"),
+            title=BY_NAME[f"figure_pca_{name}"].title,
             trial=bool(context.study.trial),
             code=code("figures/pca.py"),
         script:

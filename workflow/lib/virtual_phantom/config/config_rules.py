@@ -87,6 +87,7 @@ class Rules:
         self.config, self.names = config, names
         self.levels: dict = config.get("noise", {}).get("levels", {})
         self.protocols: dict = config.get("protocols", {})
+        self.grouped = {name: protocol for name, protocol in self.protocols.items() if "group" in protocol}
         self.analyses: dict = config["analyses"]
 
     def lines(self) -> Iterator[str]:
@@ -239,8 +240,8 @@ class Rules:
             for level in protocol.get("noise", ()):
                 yield from self._known(level, self.names.levels, f"protocols.{name}.noise")
         groups: dict[int, str] = {}
-        for name, protocol in self.protocols.items():
-            if "group" in protocol and (other := groups.setdefault(protocol["group"], name)) != name:
+        for name, protocol in self.grouped.items():
+            if (other := groups.setdefault(protocol["group"], name)) != name:
                 yield (
                     f"config: protocols.{other} and protocols.{name} have the same group number, {protocol['group']}; "
                     "give each its own"
@@ -302,24 +303,23 @@ class Rules:
         for noise in levels:
             yield from self._known(noise, self.names.levels, "analyses.stability.noise")
             yield from self._repeated(noise, RANKSUM_REPEATS, reason)
-        for name, protocol in self.protocols.items():
-            if "group" in protocol and not set(self._levels_of(name, levels)) & set(levels):
+        for name in self.grouped:
+            if not set(self._levels_of(name, levels)) & set(levels):
                 yield (
                     f"config: protocols.{name}.noise has none of the levels of analyses.stability.noise, "
                     f"{', '.join(levels)}; add one of them, or remove the group of {name}"
                 )
         invalid = set(self.names.protocols) - set(self.protocols)
-        grouped = [protocol for protocol in self.protocols.values() if "group" in protocol]
-        if not grouped and not invalid:
+        if not self.grouped and not invalid:
             yield "config: analyses.stability needs a protocol with a group number, better several; add group to them"
         if self.analyses["stability"]["without_physics"] and not invalid:
-            if len(grouped) == 1:
+            if len(self.grouped) == 1:
                 yield "config: analyses.stability.without_physics needs at least two protocols with a group; remove it"
-            if not any(protocol.get("physics", self.config["physics"]) for protocol in grouped):
+            if not any(protocol.get("physics", self.config["physics"]) for protocol in self.grouped.values()):
                 where = "config: analyses.stability.without_physics"
                 yield f"{where}: no protocol with a group has physics; add physics, or remove this key"
-            for name in self.protocols:
-                if name + WITHOUT_PHYSICS in self.protocols and "group" in self.protocols[name]:
+            for name in self.grouped:
+                if name + WITHOUT_PHYSICS in self.protocols:
                     yield (
                         f"config: protocols.{name}{WITHOUT_PHYSICS}: analyses.stability.without_physics makes a "
                         f"protocol of this name from {name}; rename it"
@@ -329,8 +329,8 @@ class Rules:
             reason = f"analyses.stability.noise_control needs at least {MINIMUM_REPEATS} for the variance"
             for noise in levels:
                 yield from self._repeated(noise, MINIMUM_REPEATS, reason)
-            for name, protocol in self.protocols.items():
-                if "group" in protocol and protocol.get("voxels"):
+            for name, protocol in self.grouped.items():
+                if protocol.get("voxels"):
                     yield (
                         f"config: analyses.stability.noise_control: protocol {name} has its own voxels; remove "
                         "noise_control, or voxels from all protocols with a group"
@@ -362,8 +362,7 @@ class Rules:
         if text := [value for value in axis.get("resampled_mm", ()) if isinstance(value, str) and value != UNRESAMPLED]:
             yield f"config: {where}.resampled_mm holds '{text[0]}'; give lengths in mm or {UNRESAMPLED}"
         levels = axis.get("noise", self.analyses.get("stability", {}).get("noise", []))
-        grouped = [name for name, protocol in self.protocols.items() if "group" in protocol]
-        protocols = axis.get("protocols", grouped)
+        protocols = axis.get("protocols", list(self.grouped))
         for key, names in (("protocols", protocols), ("noise", levels)):
             if not names:
                 yield f"config: {where}.{key} is missing; without analyses.stability and groups, name some"

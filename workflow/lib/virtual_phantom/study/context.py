@@ -13,7 +13,7 @@ from ..base.data import RESOURCES, SCHEMAS
 from ..base.errors import InputError, InputErrors, printed
 from ..config.config import read_study
 from ..config.dependencies import shipped
-from ..config.outputs import BY_NAME, Files, by_path
+from ..config.outputs import Files, by_path
 from ..config.plan import Plan
 from ..config.public_scans import PublicScans
 from ..config.read_config import doubtful_entries, read_configs
@@ -104,10 +104,6 @@ class Context:
     def parameter_files(self) -> list[str]:
         """The parameter file of pyradiomics as inputs of rules, if the configuration has one."""
         return list(filter(None, [self.study.features.parameters]))
-
-    def title(self, name: str) -> str | None:
-        """Return the title of an output in the report."""
-        return BY_NAME[name].title
 
     def reported(self, path: str) -> dict:
         """Return how Snakemake's report shows an output: arguments of `report` for a rule of workflow/rules.

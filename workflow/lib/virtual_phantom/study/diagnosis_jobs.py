@@ -24,7 +24,6 @@ from ..diagnosis.settings import (
     RecordingSettings,
     ScannerSettings,
     ShapesObject,
-    UnknownObject,
 )
 from ..diagnosis.workload import samples_and_step
 from ..physics.effect import OF_SCANNER, image_effects, load, require
@@ -40,17 +39,6 @@ FIT_CACHE = "fits"  # folder of cached fits, next to diagnosis.json
 SCAN_OF_IMAGES = (700, 1, 360)
 READ_BYTES = 35  # memory per ray of a recording (measured: 33, for a clinical rotation of 56 million rays)
 DEFAULT_CORES = 2  # of a diagnosis if the number of available cores is not known
-
-
-def _object_file(
-    scanned: MaskedObject | LabelledObject | ShapesObject | OtherScan | UnknownObject,
-) -> dict[str, str]:
-    """Return {kind of file: path} of the description of an object."""
-    if isinstance(scanned, OtherScan | UnknownObject):
-        return {}
-    if isinstance(scanned, ShapesObject):
-        return {"shapes": shipped(object_path(scanned.kind))}
-    return {"mask": scanned.mask} if isinstance(scanned, MaskedObject) else {"labels": scanned.labels}
 
 
 @dataclass(frozen=True)
@@ -253,11 +241,15 @@ class Diagnosis:
     def inputs(self, name: str) -> dict:
         """Return the files of a recording and of the scanned object."""
         inputs: dict = {"files": self.recordings.sources(name)}
-        settings = self.settings[name]
-        if settings.of_scan:
-            inputs["files"] += map(str, files_of_recording(settings.object.scan))
-        elif settings.object is not None:
-            inputs |= _object_file(settings.object)
+        settings, scanned = self.settings[name], self.settings[name].object
+        if isinstance(scanned, OtherScan):
+            inputs["files"] += map(str, files_of_recording(scanned.scan))
+        elif isinstance(scanned, ShapesObject):
+            inputs["shapes"] = shipped(object_path(scanned.kind))
+        elif isinstance(scanned, MaskedObject):
+            inputs["mask"] = scanned.mask
+        elif isinstance(scanned, LabelledObject):
+            inputs["labels"] = scanned.labels
         elif settings.simulation is not None:
             inputs["simulation"] = settings.simulation
         elif settings.of_phantom:

@@ -110,10 +110,6 @@ class Recordings:
         """Return the columns that distinguish the conditions of a recording."""
         return self.content(name).get("features", {}).get("conditions", [])
 
-    def voxel_mm(self, name: str) -> list[float] | None:
-        """Return the voxel size, mm; None if recording.yaml does not give it."""
-        return self.content(name)["nominal"].get("voxel_mm")
-
     def megabytes(self, name: str) -> int:
         """Return the memory to read a recording, MB: one acquisition, which is compressed on disk, masks and copies."""
         return 1000 + 12 * self._largest(name) // 10**6
@@ -162,7 +158,7 @@ class Comparisons:
 
     def voxel_mm(self, name: str) -> list[float] | None:
         """Return the voxel size of the recording, mm; None if recording.yaml does not give it."""
-        return self.recordings.voxel_mm(self.settings[name].recording)
+        return self.recordings.content(self.settings[name].recording)["nominal"].get("voxel_mm")
 
     def dimensions(self, name: str) -> int:
         """Return the number of dimensions (2 or 3) in which the features of the recording were extracted."""

@@ -116,9 +116,7 @@ def _scanned(study: Study) -> Iterator[str]:
     if source == "ct" and _has_ct(study):
         sources = PhantomSources(Plan(study))
         if sources.published and not sources.absent and not _messages(sources.check):
-            from .preflight_ct import ct_problems
-
-            yield from ct_problems(study)
+            yield from _ct(study)
     if source == "object":
         yield from _seen_shapes(study)
     if source != "synthetic" or not study.grid or list(_layout(study)):
