@@ -496,6 +496,16 @@ def test_changed_file_is_checked_again(desk, looks, file):
     assert "no such file" in preflight.problems(settings, keep=True)[0]
 
 
+def test_every_mistake_of_a_scan_in_place_of_an_object_is_named(desk):
+    recording_folders.projections_folder(Path("bench"))
+    recording_folders.write_yaml(Path("other"), {"name": "other", "kind": "images", "repeats": ["a.nii.gz"], "x": 1})
+    _, settings = read_config.read_configs([])
+    diagnosed = {"recordings": {"bench": {"object": {"scan": "other"}}}}
+    lines = preflight.problems(settings | {"recordings": {"bench": "bench"}, "diagnosis": diagnosed})
+    named = [line for line in lines if line.startswith("other/recording.yaml: ")]
+    assert len(named) == 2 and "unknown key 'x'" in named[0] and "'a.nii.gz' does not exist" in named[1], lines
+
+
 def test_nothing_is_cached_without_a_snakemake_folder(desk, capsys):
     assert checked(CT, capsys)[0] == 0 and not Path(".snakemake").exists()
 

@@ -55,11 +55,11 @@ def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list
 
 
 def _messages(function, *arguments) -> list[str]:
-    """Return the message of the InputError that a function raises, if any."""
+    """Return a line for each mistake of the InputError that a function raises, if any."""
     try:
         function(*arguments)
     except InputError as error:
-        return [str(error)]
+        return list(lines_of(error))
     return []
 
 
@@ -248,14 +248,7 @@ def _recorded(study: Study) -> Iterator[str]:
             files = read_document(folder).files
         except InputError:  # reported by `_recordings`
             continue
-
-        def check(folder: str = folder) -> list[str]:
-            try:
-                load_recording(folder, features)
-            except InputError as error:
-                return list(lines_of(error))
-            return []
-
+        check = partial(_messages, load_recording, folder, features)
         yield from cached_check({"recording": folder, "features": list(features)}, files, check)
 
 
