@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -67,14 +67,14 @@ def complete(settings: Mapping) -> dict:
     `check` describes the settings, which are not changed, and the errors.
     """
     config = check(settings)
-    protocols = config["protocols"]
-    for name, physics in _physics(config):
+    for protocol in config["protocols"].values():
+        physics = protocol.get("physics", config["physics"])
         if "from" in physics:
-            protocols[name] |= {"physics": {}, "physics_from": physics["from"]}
-            continue
-        effects = checked(physics)
-        protocols[name]["physics"] = {key: value for key, value in effects.items() if not acts_on_images(key)}
-        protocols[name]["image_physics"] = {key: value for key, value in effects.items() if acts_on_images(key)}
+            protocol |= {"physics": {}, "physics_from": physics["from"]}
+        elif physics:
+            effects = checked(physics)
+            protocol["physics"] = {key: value for key, value in effects.items() if not acts_on_images(key)}
+            protocol["image_physics"] = {key: value for key, value in effects.items() if acts_on_images(key)}
     return config
 
 
@@ -193,10 +193,3 @@ def _take_public_scans(config: dict) -> None:
         ct |= {"image": made(image), "labels": made("mean_regions")}
     numbers = {region: number for number, region in enumerate(scans["regions"], start=1)}
     ct["rois"] = [{**roi, "label": numbers.get(roi.get("label"), roi.get("label"))} for roi in ct["rois"]]
-
-
-def _physics(config: dict) -> Iterator[tuple[str, dict]]:
-    """Yield (protocol, effects in the configuration) for each protocol with effects."""
-    for name, settings in config["protocols"].items():
-        if physics := settings.get("physics", config["physics"]):
-            yield name, physics
