@@ -4,11 +4,7 @@ selections = context.selections
 rule noise_control:
     """Features of the phantom with white noise of the variance of each protocol, without a scan."""
     input:
-        images=[
-            path
-            for paths in selections.noise_control_images().values()
-            for path in paths
-        ],
+        images=sum(selections.noise_control_images().values(), []),
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
@@ -252,11 +248,8 @@ rule noise_calibration:
         "calibration"
     resources:
         mem_mb=context.megabytes(volumes=12),
-        runtime=lambda wildcards, attempt: attempt
-        * context.minutes(
-            "noise_calibration",
-            context.sizes.images(len(selections.calibration)),
-        ),
+        runtime=lambda wildcards, input, attempt: attempt
+        * context.minutes("noise_calibration", context.sizes.images(len(input.images))),
     params:
         protocols=selections.calibrated,
         acquisitions=selections.calibration_acquisitions(),
@@ -279,13 +272,8 @@ rule fixed_pattern:
         "calibration"
     resources:
         mem_mb=context.megabytes(volumes=12),
-        runtime=lambda wildcards, attempt: attempt
-        * context.minutes(
-            "noise_calibration",
-            context.sizes.images(
-                sum(len(paths) for paths in selections.pattern_images().values())
-            ),
-        ),
+        runtime=lambda wildcards, input, attempt: attempt
+        * context.minutes("noise_calibration", context.sizes.images(len(input.images))),
     params:
         image_files=selections.pattern_images(),
         roi_files={

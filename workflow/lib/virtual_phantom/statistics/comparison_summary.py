@@ -9,6 +9,7 @@ import pandas as pd
 import scipy
 
 from ..base.errors import InputError
+from ..base.names import enumerated
 from ..features.names import EVERY_FAMILY, family
 from .comparison import ALPHA, ROUNDING
 
@@ -170,6 +171,4 @@ def _shares(groups) -> pd.DataFrame:
 
 def _verdict(right: Sequence[bool]) -> str:
     names = [name for name, good in zip(("mean", "SD", "rank"), right, strict=True) if good]
-    if not names:
-        return "none right"
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names) + " right"
+    return f"{enumerated(names) or 'none'} right"

@@ -131,7 +131,7 @@ def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray]) -> Measure:
     InputError
         If fewer than two ROIs have LEAST_ROI_VOXELS voxels.
     """
-    used = _large_rois(rois)
+    used = [mask for mask in rois.values() if mask.sum() >= LEAST_ROI_VOXELS]
     if len(used) < 2:
         raise InputError("contrast needs two ROIs in the image; there are fewer")
 
@@ -140,12 +140,12 @@ def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray]) -> Measure:
         return float(np.abs(means[first] - means[second]).mean())
 
     mean = images.mean(axis=0, dtype=np.float64)
-    values = np.array([mean[mask].mean() for mask in used.values()])
+    values = np.array([mean[mask].mean() for mask in used])
     if len(images) < 2:
         return Measure(statistic(values), np.nan)
     noise = noise_contrasts(images)
-    parts = np.stack([(noise * mask).sum(axis=(2, 3)) / mask.sum() for mask in used.values()], axis=-1)
-    factor = slice_correlations(noise, np.logical_or.reduce(list(used.values())))[0]
+    parts = np.stack([(noise * mask).sum(axis=(2, 3)) / mask.sum() for mask in used], axis=-1)
+    factor = slice_correlations(noise, np.logical_or.reduce(used))[0]
     return Measure(statistic(values), propagated_error(statistic, values, parts, len(images)) * float(np.sqrt(factor)))
 
 
@@ -298,7 +298,3 @@ def shape_difference(recorded: Spectrum, simulated: Spectrum) -> Measure:
     noise = sum(spectrum.variance * (spectrum.shape / spectrum.power) ** 2 for spectrum in (recorded, simulated))
     difference = np.sqrt(((simulated.shape - recorded.shape) ** 2).mean())
     return Measure(float(difference / size), float(np.sqrt(noise.mean()) / size))
-
-
-def _large_rois(rois: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {name: mask for name, mask in rois.items() if mask.sum() >= LEAST_ROI_VOXELS}
