@@ -1,4 +1,4 @@
-"""Name the physics that a simulation by ASTRA lacks, in recordings by XCIST with one hidden effect (10 CPU minutes).
+"""Name the physics that a simulation by ASTRA lacks, in recordings by XCIST with one hidden effect (20 CPU minutes).
 
 Objects are the phantoms of the blind validation, constant along z. ASTRA projects the slice that XCIST scans with RAYS
 rays per pixel, with one energy and no effect. Options::
@@ -24,6 +24,7 @@ from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.io.volumes import Volume, write_nifti
+from virtual_phantom.proof.hiding.case import MATCHES
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.generate import write
 from virtual_phantom.proof.hiding.voxels import BEYOND_MM, REACH
@@ -181,5 +182,5 @@ def run(options):
         with_effect, without = ([one for one in of if bool(one["hidden"]) is has] for has in (True, False))
         print(
             f"{simulation}: named first {sum(one['score'] for one in with_effect):.4g} of {len(with_effect)}; "
-            f"false alarms {sum(one['verdict'] != 'match' for one in without)} of {len(without)}"
+            f"false alarms {sum(one['verdict'] not in MATCHES for one in without)} of {len(without)}"
         )
