@@ -42,7 +42,7 @@ def made(tmp_path_factory):
     inputs = Given(write_suite(folder), maps=[folder / "diagnosis" / truth["case"] / "maps" for truth in TRUTHS])
     registered = registration({"seed": 4711}, TRUTHS, inputs["seals"])
     seal.write(registered, folder / "registration.json")
-    inputs |= {"real": [], "real_maps": [], "times": [], "visibility": [], "registration": folder / "registration.json"}
+    inputs |= {"real": [], "real_maps": [], "times": [], "registration": folder / "registration.json"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
     output = Given({name: folder / name.replace("_", ".") for name in names})
     output |= {"score": folder / "score.json", "page": folder / "index.html"}

@@ -30,7 +30,7 @@ class Given(dict):
 def scored(folder, verdicts):
     """Run the script on verdicts of the suite of nine cases."""
     files = write_suite(folder)
-    inputs = Given(sealed=files["sealed"], seals=files["seals"], verdicts=verdicts, visibility=[])
+    inputs = Given(sealed=files["sealed"], seals=files["seals"], verdicts=verdicts)
     output = Given(hashes=folder / "hashes.json", score=folder / "program.json", table=folder / "program.md")
     snakemake = SimpleNamespace(
         input=inputs, output=output, wildcards=SimpleNamespace(program="mine"), log=[folder / "log"], threads=1
@@ -62,9 +62,7 @@ def test_verdicts_of_a_program_are_scored(tmp_path):
         "unknown": (0, 2),
     }
     assert found["program"] == "mine" and len(json.loads(output["hashes"].read_text())) == 9
-    row = (
-        "| nothing hidden: false alarms" + 3 * " | 2 of 2 (100 %; 34 to 100 %)" + " |  |"
-    )  # visible effects, by significance, own equations
+    row = "| nothing hidden: false alarms" + 2 * " | 2 of 2 (100 %; 34 to 100 %)" + " |  |"  # also by significance
     assert row in output["table"].read_text().splitlines()
 
 

@@ -2,7 +2,6 @@
 
 import copy
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +9,9 @@ from proof_suite import DIAGNOSES, OTHERS, TRUTHS, diagnosis, judged, metric, tr
 
 from virtual_phantom.base.errors import InputError, InputErrors
 from virtual_phantom.physics.effect import names
-from virtual_phantom.proof.hiding import seal
 from virtual_phantom.proof.hiding.case import Case, checked
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
-from virtual_phantom.proof.hiding.hidden_effect import EQUATIONS, LEAST_SNR
+from virtual_phantom.proof.hiding.hidden_effect import EQUATIONS
 from virtual_phantom.proof.scoring.collect import collect, collect_verdicts
 from virtual_phantom.proof.scoring.headline import headline
 from virtual_phantom.proof.scoring.intervals import share, share_of
@@ -364,11 +362,7 @@ def test_headline_by_class_and_equation():
     found = headline(cases)
     assert counted(found["all"]["first_medium_or_strong"]) == (10, 12)
     assert counted(found["own"]["first_medium_or_strong"]) == (0, 1)
-    assert found["by_significance"] == found["visible"] == found["all"]
-    weak = replace(cases[11], snr={"scatter": LEAST_SNR - 0.1})  # it was not named
-    assert counted(headline([*cases[:11], weak])["visible"]["first_medium_or_strong"]) == (10, 11)
-    clear = replace(cases[11], snr={"scatter": LEAST_SNR})
-    assert counted(headline([*cases[:11], clear])["visible"]["first_medium_or_strong"]) == (10, 12)
+    assert found["by_significance"] == found["all"]
     assert counted(found["all"]["false_alarms"]) == (0, 1) and counted(found["all"]["false_alarms_undeclared"]) == (
         1,
         1,
@@ -378,15 +372,6 @@ def test_headline_by_class_and_equation():
     assert (worst["kind"], worst["class"], worst["count"]) == ("simulator", "gvirtualxray", 4)
     assert "false_alarms" not in found["worst"]  # too few scores
     assert share_of(10, 12)["ci95"] == found["all"]["first_medium_or_strong"]["ci95"]
-
-
-def test_visibility_is_read_by_case(tmp_path):
-    files = write_suite(tmp_path)
-    documents = {verdict["case"]: verdict for verdict in map(verdict_document, DIAGNOSES)}
-    first = tmp_path / "visibility" / f"{DIAGNOSES[0]['recording']}.json"
-    seal.write({"scatter": 3.5}, first)
-    found = collect_verdicts(files["sealed"], files["seals"], documents, [first])
-    assert [case.snr for case in found if case.snr] == [{"scatter": 3.5}]
 
 
 def test_verdicts_of_any_program_have_the_score_of_the_diagnosis(tmp_path, found):

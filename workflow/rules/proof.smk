@@ -44,28 +44,6 @@ rule proof_scan:
         "../scripts/scan_proof.py"
 
 
-rule proof_visibility:
-    """Signal-to-noise ratio of the hidden effects of one case, from its truth, for the score."""
-    input:
-        sealed=results("proof/sealed/{case}.json"),
-        seals=rules.proof_seal.output.seals,
-    output:
-        results("proof/visibility/{case}.json"),
-    log:
-        results("logs/proof/visibility_{case}.log"),
-    benchmark:
-        results("logs/proof/visibility_{case}.benchmark.tsv")
-    resources:
-        mem_mb=2500,
-        runtime=60,
-    params:
-        settings=lambda wildcards: proof.scan_settings(wildcards.case),
-        mu_water_per_mm=context.study.mu_water_per_mm,
-        code=code("proof_visibility.py", hooks=True),
-    script:
-        "../scripts/proof_visibility.py"
-
-
 rule proof_diagnosis:
     """Diagnose one case from its recording, the stated object and the declared deviations alone."""
     input:
@@ -149,7 +127,6 @@ rule proof_score:
         verdicts=rules.proof_verdicts.output,
         diagnoses=proof.all("proof_diagnosis"),
         others=proof.compared(),
-        visibility=proof.measured(),
         maps=proof.all("proof_maps"),
         times=proof.times(),
         real=proof.real("diagnosis"),
@@ -214,7 +191,6 @@ rule score_verdicts:
         sealed=rules.proof_seal.output.sealed,
         seals=rules.proof_seal.output.seals,
         verdicts=context.benchmark.verdict_files(),
-        visibility=proof.measured(),
     output:
         hashes=results("proof/programs/{program}/hashes.json"),
         score=results("proof/programs/{program}/score.json"),

@@ -24,7 +24,6 @@ def main(
     verdicts: Sequence[str],
     diagnoses: Sequence[str],
     others: Sequence[str],
-    visibility: Sequence[str],
     times: Sequence[str],
     real_diagnoses: Sequence[str],
     case_maps: Sequence[str],
@@ -38,7 +37,7 @@ def main(
     suite: Mapping,
     registered_settings: Mapping,
 ) -> None:
-    cases = collect(sealed, seals, verdicts, diagnoses, others, visibility)
+    cases = collect(sealed, seals, verdicts, diagnoses, others)
     real = [row(path) for path in real_diagnoses]
     registration = assessed(
         seal.read(registration_file), seals, runs_file, [case.name for case in cases], registered_settings
@@ -68,7 +67,6 @@ if "snakemake" in globals():
             verdicts=snakemake.input.verdicts,
             diagnoses=snakemake.input.diagnoses,
             others=snakemake.input.others,
-            visibility=snakemake.input.visibility,
             times=snakemake.input.times,
             real_diagnoses=snakemake.input.real,
             case_maps=snakemake.input.maps,

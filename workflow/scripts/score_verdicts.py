@@ -17,7 +17,6 @@ def main(
     sealed: Sequence[str],
     seals: str,
     verdicts: Sequence[str],
-    visibility: Sequence[str],
     hashes_file: str,
     score_file: str,
     table_file: str,
@@ -25,7 +24,7 @@ def main(
 ) -> None:
     documents = read_verdicts(verdicts, seal.read(seals))
     seal.write(digests(verdicts), hashes_file)  # before the seals are opened
-    found = {"program": program} | headline(collect_verdicts(sealed, seals, documents, visibility))
+    found = {"program": program} | headline(collect_verdicts(sealed, seals, documents))
     write_document(found, score_file, PROGRAM_SCORE)
     table = "\n".join(result_table(**summary(found))) + "\n"
     write_text(table, table_file)
@@ -38,7 +37,6 @@ if "snakemake" in globals():
             sealed=snakemake.input.sealed,
             seals=snakemake.input.seals,
             verdicts=snakemake.input.verdicts,
-            visibility=snakemake.input.visibility,
             hashes_file=snakemake.output.hashes,
             score_file=snakemake.output.score,
             table_file=snakemake.output.table,

@@ -24,10 +24,9 @@ QUANTITIES = {
     "pairs": "two effects: both named",
     "false_alarms": "nothing hidden: false alarms",
     "false_alarms_undeclared": "nothing hidden but a small undeclared deviation: false alarms",
-    "unknown": "a fault outside of Virtual Phantom: reported as unexplained",
+    "unknown": "a fault outside of Virtual Phantom: reported as unexplained, or an equivalent named",
     "intervals": "95 % intervals of parameters that cover the true value",
 }
-TABLES = ("own", "by_significance", "visible")  # counts of other cases or by other rules
 Count = tuple[float, int]  # sum of the scores, and their number
 
 
@@ -47,8 +46,6 @@ class RecordedRun:
         {name of QUANTITIES: (sum of scores, n)}, without and with the library's own equations.
     by_significance : mapping of str to tuple
         As `counts`, with all named effects counted, however irrelevant.
-    visible : mapping of str to tuple
-        As `counts`, without effects that an ideal observer does not see.
     worst : mapping of str to str
         {name of QUANTITIES: the worst class of cases in words}.
     classes : mapping
@@ -67,7 +64,6 @@ class RecordedRun:
     counts: Mapping[str, Count]
     own: Mapping[str, Count] = field(default_factory=dict)
     by_significance: Mapping[str, Count] = field(default_factory=dict)
-    visible: Mapping[str, Count] = field(default_factory=dict)
     worst: Mapping[str, str] = field(default_factory=dict)
     classes: Mapping[str, Mapping[str, Mapping[str, Count]]] = field(default_factory=dict)
     coverage: Mapping[str, Count] = field(default_factory=dict)
@@ -86,8 +82,8 @@ def read_proof_record(path: str | Path) -> tuple[RecordedRun, ...]:
 
 
 def _run(entry: Mapping) -> RecordedRun:
-    pairs = {name: _pairs(entry.get(name, {})) for name in ("counts", *TABLES, "coverage")}
-    if unknown := {*pairs["counts"], *(name for table in TABLES for name in pairs[table])} - set(QUANTITIES):
+    pairs = {name: _pairs(entry.get(name, {})) for name in ("counts", "own", "by_significance", "coverage")}
+    if unknown := {*pairs["counts"], *pairs["own"], *pairs["by_significance"]} - set(QUANTITIES):
         raise ValueError(f"there is no count {sorted(unknown)[0]}")
     classes = {
         kind: {name: _pairs(counts) for name, counts in values.items()}

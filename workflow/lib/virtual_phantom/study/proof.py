@@ -28,7 +28,6 @@ from ..proof.hiding.suite import (
     check_tried,
     singles,
     truth,
-    with_effects,
     worlds,
 )
 from ..recordings.scan import DETECTOR
@@ -114,10 +113,6 @@ class Proof:
         A table is made after the diagnosis of its case, so that it reveals nothing to the diagnosis.
         """
         return [self.files("proof_elsewhere", case=case) for case in singles(self.settings)]
-
-    def measured(self) -> list[str]:
-        """Return the signal-to-noise ratios of hidden effects: of projections with effects of the library."""
-        return [self.files("proof_visibility", case=case) for case in with_effects(self.settings)]
 
     def times(self) -> list[str]:
         """Return the benchmark files of the jobs of all cases."""

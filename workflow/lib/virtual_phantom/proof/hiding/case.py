@@ -12,7 +12,7 @@ from ...base.errors import InputError
 from ...diagnosis.residuals.residual_tests import ALPHA
 from ...diagnosis.verdict_text import MATCH, PARTLY_EXPLAINED, PRACTICAL, UNEXPLAINED
 from ...physics.effect import names
-from .hidden_effect import EQUATIONS, LEAST_SNR, STRENGTHS
+from .hidden_effect import EQUATIONS, STRENGTHS
 
 CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")
@@ -35,15 +35,12 @@ class Case:
         Content of diagnosis.json; None if another program gave the verdict.
     other : dict or None
         Metrics of agreement on the held-out protocol; None if there are none.
-    snr : dict or None
-        Signal-to-noise ratio by hidden effect (visibility.snr); None if it was not computed.
     """
 
     truth: dict
     verdict: dict
     diagnosis: dict | None = None
     other: dict | None = None
-    snr: dict | None = None
 
     @property
     def name(self) -> str:
@@ -85,11 +82,6 @@ class Case:
     def undeclared(self) -> bool:
         """Whether the scan has small deviations that the diagnosis does not know."""
         return bool(self.truth["imperfections"]["undeclared"])
-
-    @property
-    def visible(self) -> bool:
-        """Whether an ideal observer sees every hidden effect of the library; True if that was not computed."""
-        return not self.snr or min(self.snr.values()) >= LEAST_SNR
 
     @property
     def hidden(self) -> tuple[str, ...]:

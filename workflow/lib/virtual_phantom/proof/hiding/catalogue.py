@@ -127,11 +127,7 @@ def _off_focal(size, random):
 
 
 def _saturation(size, random):
-    """Make a loss in proportion to the incident photons or a power law of the readings, with equal chance."""
-    if random.random() < 0.5:
-        return {"saturation_per_photon": size / AT_PHOTONS}, {}
-    exponent = 1 + size * sign(random)
-    return {"reading_power": exponent}, {"exponent": exponent}
+    return {"saturation_per_photon": size / AT_PHOTONS}, {}
 
 
 def _wobble(size, random):
@@ -170,9 +166,7 @@ CATALOGUE: dict[str, HiddenEffect] = {
     "detector_offset": HiddenEffect(
         ((0.03, 0.05), (0.1, 0.2), (0.4, 0.8)), _same("detector_columns_px", "columns_px", True), MEAN, "place"
     ),
-    "source_distance": HiddenEffect(
-        ((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment"), unseen=ROUND
-    ),
+    "source_distance": HiddenEffect(((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")),
     "motion": HiddenEffect(
         ((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)),
         _velocity("velocity_mm_per_s", (1.0, 1.0, 0.5)),

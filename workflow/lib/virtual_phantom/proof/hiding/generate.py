@@ -59,8 +59,7 @@ def acquire(
 ) -> Acquired:
     """Scan an object with its imperfections and hidden changes, and read out the detector.
 
-    Branches of the seed draw the noise, the gains of the pixels and the faults. With 0 repeats, there is one scan
-    without noise.
+    Branches of the seed draw the noise, the gains of the pixels and the faults.
     """
     noise, pixels, faults = seed.spawn(3)
     attenuation = ATTENUATION[simulator](scan.kev)

@@ -72,7 +72,7 @@ def energy_of_water(mu_per_mm: float) -> float:
 
 
 def simulate(scan: Scan, scanned: ScannedObject, mu_water_per_mm: float, repeats: int, seed: Stream) -> Acquired:
-    """Scan an object in a separate process, since gVirtualXray keeps one scene; arguments as `xcist.simulate`."""
+    """Scan an object in a separate process, since gVirtualXray keeps one scene."""
     return isolated(_simulate, scan, scanned, mu_water_per_mm, repeats, seed)
 
 
@@ -96,15 +96,14 @@ def _simulate(scan, scanned, mu_water_per_mm, repeats, seed):
     mean = scattered(mean, air, scan)
     mean, air = (shared(counts, *scan.settings.get("crosstalk", (0.0, 0.0))) for counts in (mean, air))
     random = generator(seed)
-    counts = [random.poisson(np.maximum(mean, 0)) for _ in range(repeats)] or [mean]
-    readings = np.stack([one @ energies for one in counts])
+    readings = np.stack([random.poisson(np.maximum(mean, 0)) @ energies for _ in range(repeats)])
     air = air[0] @ energies
     if "optical_crosstalk" in scan.settings:
         readings, air = (
             shared(values[..., None], *scan.settings["optical_crosstalk"])[..., 0] for values in (readings, air)
         )
     readings = lagging(readings, scan)
-    if repeats and (noise := scan.settings.get("electronic_photons", 0.0)):
+    if noise := scan.settings.get("electronic_photons", 0.0):
         readings = readings + random.normal(0, noise * reading_per_quantum, readings.shape)
     if current is not None:
         readings = readings / current[:, None, None]

@@ -12,13 +12,12 @@ from .objects import BENCH, DISC
 READOUT_KEV = 60.0  # converts a dark signal from photons to readout units: the simulators read energy, in keV
 MODULE_SHARE = 0.5  # of the variance of gains that is common to the columns of a detector module
 STRENGTHS = ("weak", "medium", "strong")
-LEAST_SNR = 5.0  # of an effect that an observer sees reliably: A. Rose, J. Opt. Soc. Am. 38, 196, 1948
 MEAN = ("projections", "columns", "views", "rows", "path length", "edges")
 NOISE = ("noise variance", "noise level")
 IMAGE = ("image", "slices", "distance from the axis", "tissue", "edges")
 
 # Objects that cannot show an effect. A homogeneous disc looks the same from all sides: at a wrong viewing angle, it is
-# displaced by 0.02 mm per degree and mm of its distance from the axis. A wrong magnification is a wrong radius of it.
+# displaced by 0.02 mm per degree and mm of its distance from the axis.
 ROUND, CONSTANT_ALONG_Z = (DISC,), (BENCH,)
 
 # Origins of the equation that makes a hidden effect, {name: description}

@@ -42,9 +42,6 @@ def read_out(
     if loss := settings.get("saturation_per_photon", 0.0) / READOUT_KEV:
         # Loss in proportion to the signal: S' = S (1 - a S), also in the air scan.
         readings, air = (signal * (1 - loss * signal) for signal in (readings, air))
-    if power := settings.get("reading_power", 0.0):
-        most = float(air.max())
-        readings, air = (most * np.sign(signal) * np.abs(signal / most) ** power for signal in (readings, air))
     if rms := settings.get("gain_rms", 0.0):
         readings = readings * gains(rms, air.shape, random)
     level, drift = (settings.get(key, 0.0) * READOUT_KEV for key in ("dark_photons", "dark_photons_per_s"))
@@ -54,7 +51,7 @@ def read_out(
         warming = drift * duration_s * np.array([settling((view + 0.5) / views) for view in range(views)])
         readings = readings + (level + warming[:, None, None]) * pixels
         air = air + level * pixels
-    return Acquired((readings / current).astype(np.float32), air.astype(np.float32), current=taken.current)
+    return Acquired((readings / current).astype(np.float32), air.astype(np.float32))
 
 
 def gains(rms: float, shape: tuple[int, int], random: np.random.Generator) -> np.ndarray:

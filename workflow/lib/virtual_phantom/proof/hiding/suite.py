@@ -95,15 +95,6 @@ def singles(settings: ProofSettings) -> tuple[str, ...]:
     return tuple(case for case, (_, _, planned) in _planned(settings).items() if planned.category == "single")
 
 
-def with_effects(settings: ProofSettings) -> tuple[str, ...]:
-    """Return the names of the cases of projections with one or two hidden effects of the library."""
-    return tuple(
-        case
-        for case, (_, kind, planned) in _planned(settings).items()
-        if kind == PROJECTIONS and planned.category in ("single", "pair")
-    )
-
-
 def _world(number: int, kind: str, planned: Planned) -> World:
     """Return the world of a case; the order of the cases is random, so that it does not depend on what is hidden."""
     if kind == IMAGES:

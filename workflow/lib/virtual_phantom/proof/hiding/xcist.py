@@ -193,10 +193,7 @@ def energy_of_water(mu_per_mm: float) -> float:
 
 
 def simulate(scan: Scan, scanned: Materials, repeats: int, seed: Stream) -> Acquired:
-    """Scan Materials or Surfaces in a separate process, since XCIST's library keeps the state of one scan.
-
-    With 0 repeats, the result is one scan without noise.
-    """
+    """Scan Materials or Surfaces in a separate process, since XCIST's library keeps the state of one scan."""
     return isolated(_simulate, scan, scanned, repeats, seed)
 
 
@@ -235,10 +232,8 @@ def _simulate(scan, scanned, repeats, seed):
         cfg = _air(_configured(scan, scanned, folder, current))
         air, quanta = cfg.hooks.views[0][0], cfg.hooks.quanta.reshape(scan.columns, scan.rows).T
         cfg = _configured(scan, scanned, folder, current, quantum_kev)
-        cfg.hooks.repeats = max(1, repeats)
-        cfg.hooks.lag = [None] * cfg.hooks.repeats
-        if not repeats:
-            cfg.physics.enableQuantumNoise = cfg.physics.enableElectronicNoise = 0
+        cfg.hooks.repeats = repeats
+        cfg.hooks.lag = [None] * repeats
         _seed(cfg, seed.spawn(1)[0])
         cfg.sim.thisScanType = [0, 0, 1, 0]
         _one_scan(cfg)

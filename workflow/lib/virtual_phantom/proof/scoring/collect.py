@@ -37,22 +37,9 @@ def opened(sealed: Iterable[str | Path], seals: str | Path) -> dict[str, dict]:
     return dict(sorted(truths.items()))
 
 
-def collect_verdicts(
-    sealed: Iterable[str | Path], seals: str | Path, verdicts: Mapping[str, dict], visibility: Iterable[str | Path] = ()
-) -> list[Case]:
-    """Return the cases of a suite with the verdicts of any program, {case: verdict document}.
-
-    Parameters
-    ----------
-    visibility : iterable of str or Path, optional
-        Files {hidden effect: signal-to-noise ratio} of cases, each with the name of the case.
-    """
-    ratios = _by_case(visibility)
-    return [Case(truth, verdicts[case], snr=ratios.get(case)) for case, truth in opened(sealed, seals).items()]
-
-
-def _by_case(files: Iterable[str | Path]) -> dict[str, dict]:
-    return {Path(path).stem: seal.read(path) for path in files}
+def collect_verdicts(sealed: Iterable[str | Path], seals: str | Path, verdicts: Mapping[str, dict]) -> list[Case]:
+    """Return the cases of a suite with the verdicts of any program, {case: verdict document}."""
+    return [Case(truth, verdicts[case]) for case, truth in opened(sealed, seals).items()]
 
 
 def collect(
@@ -61,7 +48,6 @@ def collect(
     verdicts: Iterable[str | Path],
     diagnoses: Iterable[str | Path],
     others: Iterable[str | Path] = (),
-    visibility: Iterable[str | Path] = (),
 ) -> list[Case]:
     """Open every seal and check every diagnosis against its verdict.
 
@@ -72,8 +58,6 @@ def collect(
     diagnoses, others : iterable of str or Path
         Files in one folder per case, which has the name of the case. `others` are tables of agreement on another
         protocol.
-    visibility : iterable of str or Path, optional
-        As for collect_verdicts.
 
     Returns
     -------
@@ -89,7 +73,7 @@ def collect(
     truths = opened(sealed, seals)
     diagnosed = {Path(path).parent.name: path for path in diagnoses}
     tables = {Path(path).parent.name: path for path in others}
-    ratios, found = _by_case(visibility), []
+    found = []
     for case, truth in truths.items():
         if case not in diagnosed:
             raise InputError(f"{seals}: {case} was published but has no diagnosis; run the missing jobs")
@@ -98,8 +82,7 @@ def collect(
         verdict = verdict_document(diagnosis)
         if verdict != {key: value for key, value in bound[case].items() if key != "files"}:
             raise InputError(f"{case}.json: the verdict differs from {diagnosed[case]}; diagnose {case} again")
-        other = metrics(tables[case]) if case in tables else None
-        found.append(Case(truth, verdict, diagnosis, other, ratios.get(case)))
+        found.append(Case(truth, verdict, diagnosis, metrics(tables[case]) if case in tables else None))
     return found
 
 

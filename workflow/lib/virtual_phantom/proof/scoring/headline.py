@@ -28,7 +28,6 @@ def headline(cases: Sequence[Case]) -> dict:
         * all: {quantity: share} over cases without the library's own equations
         * own: {quantity: share} over the other cases
         * by_significance: as `all`, with all named effects counted, however irrelevant
-        * visible: as `all`, without effects of the library that an ideal observer does not see
         * classes: {one of CLASSES: {class: {quantity: share}}}, as `all`
         * worst: {quantity: {kind, class, and its share}}, the worst class with at least LEAST_IN_CLASS scores
     """
@@ -39,7 +38,6 @@ def headline(cases: Sequence[Case]) -> dict:
         "all": shares(counted),
         "own": shares([case for case in cases if case.own_equation]),
         "by_significance": shares([case.by_significance for case in counted]),
-        "visible": shares([case for case in counted if case.visible]),
         "classes": classes,
         "worst": {name: found for name in SCORES if (found := _worst(name, classes))},
     }

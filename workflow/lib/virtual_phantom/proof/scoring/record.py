@@ -27,12 +27,11 @@ def _counts(shares: Mapping) -> dict[str, list]:
 
 
 def summary(headline: Mapping) -> dict[str, dict]:
-    """Return counts, own, by_significance, visible and worst of a headline score, as in RecordedRun."""
+    """Return counts, own, by_significance and worst of a headline score, as in RecordedRun."""
     return {
         "counts": _counts(headline["all"]),
         "own": _counts(headline["own"]),
         "by_significance": _counts(headline["by_significance"]),
-        "visible": _counts(headline["visible"]),
         "worst": {name: f"{label(one['class'])}: {_plain(one)}" for name, one in headline["worst"].items()},
     }
 
@@ -83,14 +82,12 @@ def result_table(
     counts: Mapping[str, Count],
     own: Mapping[str, Count],
     by_significance: Mapping[str, Count],
-    visible: Mapping[str, Count],
     worst: Mapping[str, str],
 ) -> list[str]:
     """Return the lines of a Markdown table, of results as in RecordedRun."""
     columns = {
         "result (95 % interval)": {name: _share(pair) for name, pair in counts.items()},
         "worst class": worst,
-        "visible effects": {name: _share(pair) for name, pair in visible.items()},
         "by significance": {name: _share(pair) for name, pair in by_significance.items()},
         "Virtual Phantom's own equations": {name: _share(pair) for name, pair in own.items()},
     }
@@ -104,7 +101,7 @@ def result_table(
 
 def table_of(run: RecordedRun) -> list[str]:
     """Return `result_table` of a run."""
-    return result_table(run.counts, run.own, run.by_significance, run.visible, run.worst)
+    return result_table(run.counts, run.own, run.by_significance, run.worst)
 
 
 def class_table(run: RecordedRun) -> list[str]:

@@ -71,7 +71,7 @@ def registration(settings: Mapping, truths: Iterable[Mapping], seals: str | Path
     Parameters
     ----------
     settings : mapping
-        Section `proof` of the configuration, with the number of the seed.
+        Section `proof` of the configuration, with the number of the seed, and settings of the diagnosis.
     truths : iterable of mapping
         Truths of the cases.
     seals : str or Path

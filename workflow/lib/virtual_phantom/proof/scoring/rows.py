@@ -32,7 +32,6 @@ def rows(score: Mapping) -> list[str]:
     for name, quantity in QUANTITIES.items():
         line(quantity, tally(counted["all"][name]), name if name in targets else None)
         line("the same, by significance", tally(counted["by_significance"][name]))
-        line("the same, effects that an ideal observer sees", tally(counted["visible"][name]))
         line("the same, the library's own equations", tally(counted["own"][name]))
         if worst := counted["worst"].get(name):
             line(f"the worst class ({worst['kind']}): {label(worst['class'])}", tally(worst))

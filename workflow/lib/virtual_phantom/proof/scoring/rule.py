@@ -1,9 +1,7 @@
 """The scoring rule in words, which a registration states before the scans."""
 
-from ..hiding.hidden_effect import LEAST_SNR
-
 LEAST_IN_CLASS = 5  # scores in a class that can be the worst one: fewer would only show chance
-VERSION = 4  # 1 had no shares for groups, and counted own equations with the others; 2 no significance; 3 no visibility
+VERSION = 3  # of the rule: 1 had no shares for groups, and counted own equations with the others; 2 no significance
 RULE = (
     "One effect: the score is 1 if it was ranked first, and 1/k if it is in the first group of k effects that "
     "were reported as equal. Two effects: each must be in a separate group, and the score is the product of "
@@ -14,7 +12,5 @@ RULE = (
     "comparable parameters of named hidden effects. Cases with an effect that the library's own equation makes are "
     "counted separately. The worst class is the simulator, geometry, object or hidden effect with the worst share "
     f"of at least {LEAST_IN_CLASS} scores. All cases count. All quantities are also stated by significance: effects "
-    "named beside a match then count for any strength, and with them a match is none. They are also stated without "
-    f"cases in which a hidden effect of the library has a signal-to-noise ratio below {LEAST_SNR:g} for an ideal "
-    "observer. The observer knows the change of the scan and the distributions of the errors of object, pose and dose."
+    "named beside a match then count for any strength, and with them a match is none."
 )
