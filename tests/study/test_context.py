@@ -43,6 +43,14 @@ def context_of(**changes):
     return read_context(config, ROOT / "workflow")
 
 
+def test_registrations_state_the_settings_that_decide_verdicts():
+    changes = {"matters": None, "model_accuracy": {"default": 0.5}}
+    usual, changed = (context_of(diagnosis=one).benchmark.registered for one in ({}, changes))
+    assert usual["seed"] == changed["seed"] and "recordings" not in usual
+    assert usual["matters"] and changed["matters"] is None
+    assert usual["model_accuracy"]["default"] < changed["model_accuracy"]["default"] == 0.5
+
+
 @pytest.fixture
 def with_recordings(tmp_path):
     """The paper's groups with recordings and a noise level that is matched to one of them."""

@@ -59,7 +59,7 @@ class Benchmark:
 
     @property
     def registered(self) -> dict:
-        """Return the settings that a registration states: all but the real recordings, which are not scored."""
+        """Return the settings that a registration states: `proof` without its real recordings, and of the diagnosis."""
         diagnosis = self.proof.plan.study.diagnosis
         stated = {key: value for key, value in to_mapping(self.proof.settings).items() if key != "recordings"}
         return stated | {"model_accuracy": diagnosis.model_accuracy, "matters": diagnosis.matters}
