@@ -34,8 +34,8 @@ TOO_MANY = ("gain_pattern",)  # omitted by `all`
 
 
 def without_halves(prepared):
-    """Fitter of all repeats, weighted by noise only."""
-    one, two = prepared.data, prepared.held_out
+    """Fitter of all repeats."""
+    given, one, two = prepared.fitter, prepared.data, prepared.held_out
     data = replace(
         one,
         mean=(one.mean + two.mean) / 2,
@@ -45,7 +45,7 @@ def without_halves(prepared):
         correlation=(one.correlation + two.correlation) / 2,
         correlation_error=one.correlation_error / np.sqrt(2),
     )
-    return Fitter(prepared.fitter.model, data, data, prepared.variance, np.zeros(data.mean.shape))
+    return Fitter(given.model, data, data, given.variance, given.floor)
 
 
 def left(fitter, fit):

@@ -8,11 +8,13 @@ import pytest
 from proof_suite import DIAGNOSES, OTHERS, TRUTHS, diagnosis, judged, metric, truth, write_suite
 
 from virtual_phantom.base.errors import InputError, InputErrors
+from virtual_phantom.diagnosis.verdict.verdict import unfitted_diagnosis
+from virtual_phantom.diagnosis.verdict_text import SETUP_VERDICTS
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.hiding.case import Case, checked
 from virtual_phantom.proof.hiding.catalogue import CATALOGUE
 from virtual_phantom.proof.hiding.hidden_effect import EQUATIONS
-from virtual_phantom.proof.scoring.collect import collect, collect_verdicts
+from virtual_phantom.proof.scoring.collect import collect, collect_verdicts, complete
 from virtual_phantom.proof.scoring.headline import headline
 from virtual_phantom.proof.scoring.intervals import share, share_of
 from virtual_phantom.proof.scoring.remainders import area
@@ -91,6 +93,21 @@ def test_two_alternatives_need_two_named_effects():
 def test_unnamed_difference_is_not_exact_without_a_hidden_effect():
     blank = truth("a", "none")
     assert not judged(blank, diagnosis("a", "unexplained")).exact and judged(blank, diagnosis("a", "match")).exact
+
+
+def test_scan_that_is_taken_for_wrongly_described_counts_against_the_diagnosis():
+    """Nothing is fitted to it. With nothing hidden it is a false alarm, otherwise a miss."""
+    found = {}
+    for category, effects in (("single", {"heel": {}}), ("none", {}), ("unknown", {"!periodic_motion": {}})):
+        said = unfitted_diagnosis("case_01", SETUP_VERDICTS["description"], [None], shown=None).content
+        complete(said, "diagnosis.json")
+        hidden_truth = truth("case_01", category, effects, "weak" if category == "single" else None)
+        found[category] = score([judged(hidden_truth, said)])
+        assert found[category]["cases"][0]["right"] is False
+        assert "description" in found[category]["cases"][0]["why_missed"][0]
+    assert counted(found["none"]["accuracy"]["false_alarms"]) == (1, 1)
+    assert counted(found["single"]["accuracy"]["first"]["all"]) == (0, 1)
+    assert counted(found["unknown"]["accuracy"]["unknown"]) == (0, 1)
 
 
 def test_excess_removed_is_zero_for_unnamed_cases(found):

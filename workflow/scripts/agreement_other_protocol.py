@@ -14,6 +14,7 @@ from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.diagnosis.selection.transfer import Physics, fit_with_fixed_physics
 from virtual_phantom.diagnosis.settings import FitSettings
+from virtual_phantom.io.documents import DIAGNOSIS, read_document
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.job import job
 
@@ -30,9 +31,10 @@ def main(
 ) -> None:
     request = DiagnosisRequest.of(model, phantom_file, threads)
     recording, prepared = prepare_recording(request)
-    physics = Physics.read(physics_file, allow_empty=True)
+    named = read_document(physics_file, DIAGNOSIS)["effects"]
+    physics = Physics.read(physics_file, allow_empty=True) if named else None
     baseline = trial(prepared.fitter, ())
-    if physics.effects:
+    if physics and physics.effects:
         choice = fit_with_fixed_physics(prepared.fitter, baseline, physics, same_material=True)
     else:  # no effect was found: the baseline alone
         choice = choose(prepared.fitter, baseline, ())

@@ -199,7 +199,9 @@ def image_protocol(orbit: Orbit, rotation_ms: float) -> ImageProtocol:
 def _diagnosed(taken: ProofProtocol, **described) -> RecordingSettings:
     """Return the settings of the diagnosis of a scan, of a user who states tolerances but no rays and views."""
     uncertain = ObjectUncertainty(surface_mm=SURFACE_SD_MM)
-    return RecordingSettings(None, None, {}, nominal_photons=taken.photons, object_uncertainty=uncertain, **described)
+    return RecordingSettings(
+        None, None, {}, nominal_photons=taken.photons, object_uncertainty=uncertain, check_setup=True, **described
+    )
 
 
 def _parts(section: Mapping, *keys: str) -> dict:

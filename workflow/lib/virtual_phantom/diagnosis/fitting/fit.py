@@ -130,6 +130,7 @@ class Fitter:
 
     def __init__(self, model: Model, data: Observed, held_out: Observed, variance: np.ndarray, floor: np.ndarray):
         self.model, self.data, self.held_out = model, data, held_out
+        self.variance, self.floor = variance, floor
         self.weights = data.weights(variance, floor)
         self.held_weights = held_out.weights(variance, floor)
         self.jacobians = LRUCache(CACHED_JACOBIANS)

@@ -180,7 +180,7 @@ def unfitted_diagnosis(
         "verdict": verdict,
         **{key: [] for key in ("locations", "effects", "unexplained", "next_measurement")},
         **{key: {} for key in ("ambiguous_with", "ruled_out", "fit", "held_out")},
-        "excess_removed": None,
+        **dict.fromkeys(("excess_removed", "excess_rms_removed", "remainder_sd")),
         "held_out_data": "none",
     }
     return Diagnosis(None, [], [], with_verdict_text(empty | content, lines), setup=shown)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from ...base.errors import InputError
-from ...diagnosis.verdict_text import PRACTICAL, VERDICTS
+from ...diagnosis.verdict_text import PRACTICAL, SETUP_VERDICTS, VERDICTS
 from ..hiding import seal
 from ..hiding.case import Case, checked
 from .verdicts import read_verdicts, verdict_document
@@ -102,7 +102,7 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
         If a key is missing or the recording is another one.
     """
     missing = [key for key in SCORED if key not in diagnosis]
-    if missing or diagnosis["verdict"] not in (*VERDICTS, PRACTICAL):
+    if missing or diagnosis["verdict"] not in (*VERDICTS, PRACTICAL, *SETUP_VERDICTS.values()):
         what = f"it has no {', '.join(missing)}" if missing else f"verdict {diagnosis['verdict']!r}"
         raise InputError(f"{source}: is not a diagnosis that can be scored ({what}); diagnose the case again")
     if recording not in (None, diagnosis["recording"]):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...base.names import label
 from ...diagnosis.selection.forward_selection import AS_GOOD, RULED_OUT
-from ...diagnosis.verdict_text import UNEXPLAINED
+from ...diagnosis.verdict_text import SETUP_VERDICTS, UNEXPLAINED
 from ...figures.style import number
 from ..hiding.case import Case
 
@@ -13,6 +13,8 @@ def why(case: Case) -> list[str]:
     """Explain why the answer of a case is wrong; an empty list if it is right."""
     if case.right:
         return []
+    if case.diagnosis["verdict"] in SETUP_VERDICTS.values():
+        return ["The description of the scan or the object was taken for wrong, so that no effect was fitted."]
     if case.category == "none":
         worst = case.diagnosis["locations"][0]
         return [
