@@ -60,3 +60,9 @@ def test_roi_outside_of_the_fan_is_named():
     geometry = circular(views=60, columns=24, rows=12, **SCANNER)
     with pytest.raises(InputError, match="ROI far"):
         check_rois_seen(geometry, GRID, {"far": roi(slice(5, 7), slice(28, 32))})
+
+
+def test_empty_roi_is_named():
+    geometry = circular(views=60, columns=64, rows=6, **SCANNER)
+    with pytest.raises(InputError, match="ROI nothing has no voxel; remove it"):
+        check_rois_seen(geometry, GRID, {"nothing": roi(slice(5, 5))})

@@ -321,6 +321,10 @@ def test_unreadable_and_ambiguous_files(tmp_path):
             read_frames(tmp_path / name)
         assert message in str(error.value), name
     assert read_frames(tmp_path / "two.mat", "b").data.shape == (4, 5)
+    np.save(tmp_path / "one.npy", np.ones((4, 5)))
+    for name in ("one.npy", "mixed"):
+        with pytest.raises(InputError, match=f"{name}: has no named arrays, so --dataset b has no effect; remove it"):
+            read_frames(tmp_path / name, "b")
 
 
 def test_pages_that_were_written_one_by_one_are_all_read(tmp_path):

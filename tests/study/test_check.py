@@ -506,6 +506,20 @@ def test_every_mistake_of_a_scan_in_place_of_an_object_is_named(desk):
     assert len(named) == 2 and "unknown key 'x'" in named[0] and "'a.nii.gz' does not exist" in named[1], lines
 
 
+def test_own_simulation_is_read(desk, capsys):
+    def found(name):
+        diagnosed = {"recordings": {"bench": {"simulation": name}}}
+        return checked({"recordings": {"bench": "bench"}, "diagnosis": diagnosed}, capsys)
+
+    recording_folders.write_projections(Path("own.h5"), log=True)
+    assert found("own.h5")[0] == 0
+    recording_folders.write_projections(Path("own.h5"), log=True, data=recording_folders.line_integrals()[:, :, 1:])
+    code, (line,) = found("own.h5")
+    assert code == 1 and line.startswith("Error: own.h5: has 39 columns, but recording.yaml says scan.columns 40"), line
+    code, (line,) = found("ct.nii.gz")
+    assert code == 1 and "give a simulation of projections" in line, line
+
+
 def test_nothing_is_cached_without_a_snakemake_folder(desk, capsys):
     assert checked(CT, capsys)[0] == 0 and not Path(".snakemake").exists()
 

@@ -24,7 +24,7 @@ from ...physics.effect import PER_AIR_PHOTON, acts_on_images, load
 from ...physics.scenes.scene import Scene
 from ...physics.scenes.simulated import SimulatedScene
 from ...physics.state import AIR
-from ...recordings.projections import ADVICE, ProjectionsRecording, read_acquisition
+from ...recordings.projections import ADVICE, Projections, ProjectionsRecording, read_acquisition
 from ..fitting.priors import BASELINE_CONFIG_KEY, declared, stated_physics
 from ..request import DiagnosisRequest, nominal_settings
 from ..scanned_object import scene_of
@@ -57,11 +57,7 @@ def simulated_scene(request: DiagnosisRequest, recording: ProjectionsRecording) 
         If the simulation does not fit the recording, or declared physics cannot be removed from it.
     """
     settings, path = request.settings, Path(request.settings.simulation)
-    geometry = finer_geometry(path, recording.geometry)
-    acquisition = read_acquisition(path, geometry)
-    lines = acquisition.line_integrals(LEAST_TRANSMISSION).astype(np.float64)
-    if not np.isfinite(lines).all():
-        raise InputError(f"{path}: has dead pixels (white field not above dark field); a simulation has none")
+    geometry, acquisition, lines = read_simulation(path, recording)
     nominal = nominal_settings(recording)
     detector = {
         "sensor": nominal.sensor,
@@ -76,6 +72,22 @@ def simulated_scene(request: DiagnosisRequest, recording: ProjectionsRecording) 
     paths = np.stack([lines / water - sum(paths), *materials.values()])
     scene = SimulatedScene(paths, geometry, energy, request.threads, ("water", *materials))
     return _without(scene, lines, physics, path, anode=nominal.anode, **detector) if physics else scene
+
+
+def read_simulation(path: Path, recording: ProjectionsRecording) -> tuple[OrbitGeometry, Projections, np.ndarray]:
+    """Return the geometry, the data, and the line integrals (views, rows, columns) of a simulation.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, does not fit the recording, or has dead pixels.
+    """
+    geometry = finer_geometry(path, recording.geometry)
+    acquisition = read_acquisition(path, geometry)
+    lines = acquisition.line_integrals(LEAST_TRANSMISSION).astype(np.float64)
+    if not np.isfinite(lines).all():
+        raise InputError(f"{path}: has dead pixels (white field not above dark field); a simulation has none")
+    return geometry, acquisition, lines
 
 
 def _path_lengths_mm(path: Path, shape: tuple[int, ...]) -> dict[str, np.ndarray]:

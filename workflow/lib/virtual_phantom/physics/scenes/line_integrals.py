@@ -70,7 +70,7 @@ def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndar
     Raises
     ------
     InputError
-        Naming the ROI, if one is not.
+        Naming the ROI, if one is not, or is empty.
 
     References
     ----------
@@ -78,6 +78,8 @@ def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndar
     """
     rays = ParallelRays(geometry)
     for name, mask in masks.items():
+        if not mask.any():
+            raise InputError(f"scan: ROI {name} has no voxel; remove it")
         share = share_seen(rays, hardest_points(grid, mask))
         if share < 1:
             raise InputError(

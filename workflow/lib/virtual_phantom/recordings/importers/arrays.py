@@ -66,16 +66,18 @@ def read_frames(source: str | Path, dataset: str | None = None, others: Collecti
     ------
     InputError
         If the file is missing, damaged or of an unknown format, has several arrays or color images, or if the images
-        of a folder are not of one series.
+        of a folder are not of one series. If there are no named arrays, but `dataset` is given.
     """
     if not str(source):
         raise InputError("the path of an array is empty; give a file or folder (a shell variable may be unset)")
     path = Path(source)
     if not os.path.exists(path):  # unlike Path.exists, False for names that are too long
         raise InputError(f"{path}: no such file or folder; correct the path")
+    suffix = path.suffix.lower()
+    if dataset is not None and (path.is_dir() or suffix in (*IMAGES, ".npy")):
+        raise InputError(f"{path}: has no named arrays, so --dataset {dataset} has no effect; remove it")
     if path.is_dir():
         return Frames(_stack(path, others))
-    suffix = path.suffix.lower()
     if suffix in IMAGES:
         return Frames(_image(path))
     if suffix == ".npy":

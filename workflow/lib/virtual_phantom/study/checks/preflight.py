@@ -17,7 +17,7 @@ from ...config.plan import Plan
 from ...config.public_scans import PublicScans, made_folders
 from ...config.read_config import section_at
 from ...config.settings import Study
-from ...diagnosis.candidate_effects import candidate_conditions, candidates, check_accuracy, check_kinds
+from ...diagnosis.candidate_effects import candidate_conditions, candidates, check_accuracy, check_kinds, is_of_images
 from ...diagnosis.settings import LabelledObject, MaskedObject, OtherScan, ShapesObject
 from ...projectors import choose_engine
 from ...recordings.document import Document, files_of_recording, read_document
@@ -250,6 +250,23 @@ def _recorded(study: Study) -> Iterator[str]:
             continue
         check = partial(_messages, load_recording, folder, features)
         yield from cached_check({"recording": folder, "features": list(features)}, files, check)
+    for name, entry in study.diagnosis.recordings.items():
+        folder = study.recordings.get(name)
+        if entry.simulation is not None and Path(entry.simulation).exists() and folder in folders:
+            check = partial(_messages, _simulation, entry.simulation, folder)
+            yield from cached_check({"recording": folder}, [folder, entry.simulation], check)
+
+
+def _simulation(path: str, folder: str) -> None:
+    """Read a user's own simulation of a recording; `check_kinds` reports one of another kind."""
+    from ...diagnosis.projections.own_simulation import read_simulation  # slow import
+    from ...diagnosis.scanned_object import read_simulated_images
+    from ...recordings.reading import load_recording
+
+    if is_of_images(path):
+        read_simulated_images(path)
+    elif (recording := load_recording(folder)).kind == "projections":
+        read_simulation(Path(path), recording)
 
 
 def _object(
