@@ -94,7 +94,7 @@ def draw_phantom(
     spacing_mm : tuple of 3 float, optional
         Voxel size (z, y, x), mm.
     layout_file : str or Path, optional
-        Shapes and tissues, as docs/how-to/phantoms.md describes; None: the abdomen.
+        Shapes and tissues, in the format of resources/phantom.yaml in the package; None: the abdomen.
     oversampling : int, optional
         Factor by which the scanned phantom is finer than the images.
     seed : int, optional
