@@ -13,9 +13,11 @@ import yaml
 from pyradiomics_batch import LABELS, PYRADIOMICS, SHAPE, SPACING_MM, label_map, scans
 from radiomics import getParameterValidationFiles
 from radiomics.featureextractor import RadiomicsFeatureExtractor
+from scipy import ndimage
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.units import HU_AIR
 from virtual_phantom.features import extraction, parameter_checks, settings, tables
 from virtual_phantom.features.names import FEATURES, family, features_of
 from virtual_phantom.features.parameters import DEFAULT, read_parameters
@@ -201,6 +203,30 @@ def spot():
     mask = np.zeros(image.shape, bool)
     mask[3:9, 3:9, 3:9] = True
     return Volume(image, Grid(image.shape, (2.0, 2.0, 2.0))), {"spot": mask}
+
+
+def test_air_outside_of_boxes_does_not_change_resampled_features(tmp_path):
+    content = {"featureClass": {"firstorder": ["Minimum", "Mean"]}, "setting": {"resampledPixelSpacing": [1.5] * 3}}
+    parameters = read_parameters(written(tmp_path, content))
+    volume, masks = spot()
+    smooth = ndimage.gaussian_filter(volume.array, 2.0)
+    box = (slice(1, 11),) * 3  # 4 mm more than the region
+    array = np.full_like(smooth, HU_AIR)
+    array[box] = smooth[box]
+    expected, found, polluted = (
+        extraction.extract(Volume(one, volume.grid), masks, "i", parameters, boxed).iloc[0]
+        for one, boxed in ((smooth, False), (array, True), (array, False))
+    )
+    for name in parameters.features:
+        assert found[name] == pytest.approx(expected[name], abs=0.2), name
+        assert polluted[name] != pytest.approx(expected[name], abs=2), name
+
+
+@pytest.mark.parametrize("content", [FILTERED, PREPARED], ids=["filters", "normalization"])
+def test_boxes_are_rejected_where_features_need_whole_images(tmp_path, content):
+    parameters = read_parameters(written(tmp_path, content))
+    with pytest.raises(InputError, match=r"i: filters and normalization \(.*\) need whole images.*remove `voxels`"):
+        extraction.extract(*spot(), "i", parameters, boxed=True)
 
 
 def test_settings_with_effect_are_not_noted(tmp_path, caplog):

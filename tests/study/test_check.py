@@ -506,6 +506,15 @@ def test_every_mistake_of_a_scan_in_place_of_an_object_is_named(desk):
     assert len(named) == 2 and "unknown key 'x'" in named[0] and "'a.nii.gz' does not exist" in named[1], lines
 
 
+def test_filters_need_whole_images(desk):
+    _, settings = read_config.read_configs([])
+    recording_folders.write_yaml(Path("own"), {"imageType": {"LoG": {"sigma": [3.0]}}, "featureClass": {"glcm": None}})
+    parameters = {"parameters": "own/recording.yaml"}
+    (line,) = preflight.problems(settings | {"features": settings["features"] | parameters})
+    assert line.startswith("features.parameters: filters and normalization (own/recording.yaml) need whole images"), line
+    assert line.endswith("remove protocols.group_1.voxels"), line
+
+
 def test_own_simulation_is_read(desk, capsys):
     def found(name):
         diagnosed = {"recordings": {"bench": {"simulation": name}}}

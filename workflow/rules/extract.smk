@@ -49,6 +49,11 @@ for number, (bundle, protocols, constraint) in enumerate(
                 for protocol in named(protocols, wildcards)
                 for noise, seed in bundle
             ],
+            boxed=lambda wildcards, bundle=bundle, protocols=protocols: [
+                context.study.protocols[protocol].voxels is not None
+                for protocol in named(protocols, wildcards)
+                for _ in bundle
+            ],
             code=code("extract.py"),
         script:
             "../scripts/extract.py"

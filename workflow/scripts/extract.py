@@ -18,13 +18,14 @@ def main(
     outputs: Sequence[str],
     acquisitions: Sequence[Mapping],
     extraction_settings: Mapping,
+    boxed: Sequence[bool],
 ) -> None:
     parameters = read_parameters(**extraction_settings)
     every_image = phantom.images_with_rois(image_files, roi_files)
-    for path, (image, masks, classes), acquired, output in zip(
-        image_files, every_image, resolve(acquisitions, levels), outputs, strict=True
+    for path, (image, masks, classes), acquired, output, in_boxes in zip(
+        image_files, every_image, resolve(acquisitions, levels), outputs, boxed, strict=True
     ):
-        found = extraction.extract(image, masks, name=str(path), parameters=parameters)
+        found = extraction.extract(image, masks, name=str(path), parameters=parameters, boxed=in_boxes)
         table = tables.add_acquisition(found, classes, acquired)
         files.write_csv(table, output)
         log.info("%s: %d ROIs", path, len(table))
@@ -39,4 +40,5 @@ if "snakemake" in globals():
             outputs=snakemake.output,
             acquisitions=snakemake.params.images,
             extraction_settings=snakemake.params.parameters,
+            boxed=snakemake.params.boxed,
         )

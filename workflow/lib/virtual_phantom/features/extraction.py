@@ -76,14 +76,16 @@ def extract(
     Raises
     ------
     InputError
-        If a mask is on another grid or has fewer than 2 voxels, if a voxel of the image is not finite, or if
-        pyradiomics fails with the parameter file.
+        If a mask is on another grid or has fewer than 2 voxels, if a voxel of the image is not finite, if filters or
+        normalization need more than boxes, or if pyradiomics fails with the parameter file.
     TypeError
         If a mask is not boolean.
     """
     if not np.isfinite(volume.array).all():
         bad = np.count_nonzero(~np.isfinite(volume.array))
         raise InputError(f"{name}: {bad} voxels are NaN or infinite; repair the image before extracting features")
+    if boxed and parameters.needs_whole_images:
+        raise InputError(f"{name}: {whole_images_needed(parameters)}; remove `voxels` of the protocol")
     rows = []
     for roi, mask in masks.items():
         mask = np.asarray(mask)
@@ -114,6 +116,11 @@ def extract(
         )
         _warn_if_poor(name, rows[-1], parameters)
     return convert_to_hu(pd.DataFrame(rows), parameters.stored_offset_hu)
+
+
+def whole_images_needed(parameters: Parameters) -> str:
+    """Return why features cannot be extracted from boxes around regions."""
+    return f"filters and normalization ({parameters.origin}) need whole images, not boxes around ROIs"
 
 
 def extract_repeats(

@@ -119,12 +119,12 @@ class Parameters:
     @property
     def depends_on_roi_only(self) -> bool:
         """Whether the features of a region do not depend on voxels outside of it."""
-        settings = self.extraction.settings
-        return (
-            set(self.extraction.image_types) == {"Original"}
-            and not settings.get("normalize")
-            and settings.get("resampledPixelSpacing") is None
-        )
+        return not self.needs_whole_images and self.extraction.settings.get("resampledPixelSpacing") is None
+
+    @property
+    def needs_whole_images(self) -> bool:
+        """Whether features depend on voxels far from the region: by filters, or by normalization of the image."""
+        return set(self.extraction.image_types) != {"Original"} or bool(self.extraction.settings.get("normalize"))
 
     def hash(self) -> str:
         """Return the first 16 hexadecimal digits of the SHA-256 of settings and feature names as canonical JSON.

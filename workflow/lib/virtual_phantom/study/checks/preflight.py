@@ -178,6 +178,11 @@ def _parameters(study: Study) -> Iterator[str]:
         if lines := _messages(read_parameters, file):
             yield from lines
             return
+        boxed = [name for name, protocol in study.protocols.items() if protocol.voxels is not None]
+        if boxed and (parameters := read_parameters(file)).needs_whole_images:
+            from ...features.extraction import whole_images_needed
+
+            yield f"features.parameters: {whole_images_needed(parameters)}; remove protocols.{boxed[0]}.voxels"
     if study.features and study.analyses.extraction:
         if lines := _messages(lambda: Plan(study).variations):
             yield from lines
