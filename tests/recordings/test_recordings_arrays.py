@@ -156,6 +156,43 @@ def test_angles_from_a_list(tmp_path):
         assert ("angles_deg" in recording.scan) == listed
 
 
+@pytest.mark.parametrize("axes", ["vRc", "vrC", "cRv", "vCR"])
+@pytest.mark.parametrize("inside", [False, True])
+def test_fields_have_the_axes_of_the_projections(axes, inside, tmp_path):
+    letters, flat = axes.lower(), 500.0 + np.arange(COLUMNS**2).reshape(COLUMNS, COLUMNS)
+    stored = flat * np.exp(-np.ones((VIEWS, 1, 1)))
+    reverse = tuple(slice(None, None, -1 if letter.isupper() else None) for letter in axes)
+    data = stored.transpose(["vrc".index(letter) for letter in letters])[reverse]
+    field = flat.transpose(["rc".index(letter) for letter in letters if letter != "v"])
+    field = field[tuple(part for part, letter in zip(reverse, letters, strict=True) if letter != "v")]
+    with h5py.File(tmp_path / "ct.h5", "w") as file:
+        file["exchange/data"] = data
+        if inside:
+            file["exchange/data_white"] = field[None]
+    np.save(tmp_path / "flat.npy", field)
+    given = {} if inside else {"flat": str(tmp_path / "flat.npy")}
+    recording = import_projections(tmp_path / "ct.h5", tmp_path / "scan", axes=axes, **given, **FAN)
+    np.testing.assert_array_equal(recording.repeats[0].white, flat)
+    np.testing.assert_allclose(recording.repeats[0].line_integrals(1e-4), 1, atol=1e-5)
+
+
+def test_angles_and_fields_of_other_writers(tmp_path):
+    np.save(tmp_path / "ct.npy", counts()[:, 0])
+    angles, flat = 30.0 * np.arange(VIEWS), np.full(COLUMNS, WHITE)
+    savemat(tmp_path / "angles.mat", {"theta": angles})
+    savemat(tmp_path / "flat.mat", {"flat": flat})
+    np.savetxt(tmp_path / "angles", angles)
+    with h5py.File(tmp_path / "scan.h5", "w") as file:
+        file["exchange/data"], file["exchange/data_white"] = counts()[:, :1], flat[None, None]
+        file["exchange/theta"] = np.radians(angles)
+        file["exchange/theta"].attrs["units"] = "radians"
+    for listed, field in (("angles.mat", "flat.mat"), ("angles", "scan.h5"), ("scan.h5", "scan.h5")):
+        options = FAN | {"angles": str(tmp_path / listed), "flat": str(tmp_path / field)}
+        recording = import_projections(tmp_path / "ct.npy", tmp_path / f"{listed[:4]}{field[:4]}", **options)
+        np.testing.assert_allclose(np.degrees(recording.geometry.angles_rad), angles, atol=1e-9)
+        assert (recording.repeats[0].white == WHITE).all()
+
+
 XTEKCT = """[XTekCT]
 SrcToObject=20.5
 SrcToDetector=900
@@ -206,6 +243,8 @@ def test_nikon_scan(tmp_path):
         ("AngularStep=30.0", "AngularStep=", "AngularStep is ''; give a number"),
         ("AngularStep=30.0", "AngularStep=0", "all views have the angle 10"),
         ("XraykV=70", "XraykV=70 kV", "XraykV is '70 kV'; give a number"),
+        ("SrcToObject=20.5", "SrcToObject=20,5", "SrcToObject is '20,5'; give a number with a decimal point"),
+        ("[XTekCT]", "", "(MissingSectionHeaderError); give the .xtekct file of the scan"),
         ("XrayuA=300", "XrayuA=", None),
         ("[XTekCT]", "\ufeff[XTekCT]", None),
     ],
@@ -228,13 +267,15 @@ def test_nikon_scan_with_a_flat_field_beside_its_images(tmp_path):
     (tmp_path / "scan.ang").write_text("Proj\tAngle(deg)\n")
     for number, image in enumerate(counts()):
         tifffile.imwrite(tmp_path / f"scan_{number:04d}.tif", image)
-    tifffile.imwrite(tmp_path / "flat.tif", FLATS[0])
+    bright = FLATS[0] + np.arange(ROWS, dtype=np.float32)[:, None]
+    tifffile.imwrite(tmp_path / "flat.tif", bright)
     flat = str(tmp_path / "flat.tif")
     with pytest.raises(InputError, match=r"scan\.ang: has 0 angles for 12 views"):
         import_xtekct(tmp_path / "scan.xtekct", tmp_path / "balls", flat=flat)
     (tmp_path / "scan.ang").unlink()
     recording = import_xtekct(tmp_path / "scan.xtekct", tmp_path / "balls", flat=flat)
-    assert recording.geometry.views == VIEWS and (recording.repeats[0].white == WHITE).all()
+    assert recording.geometry.views == VIEWS
+    np.testing.assert_array_equal(recording.repeats[0].white, bright[::-1])  # the top row comes first
 
 
 @pytest.mark.parametrize("stated", ["CentreOfRotationTop=1.2\nCentreOfRotationBottom=0.8", "ObjectOffsetX=0.03"])
@@ -277,6 +318,12 @@ MISTAKES = {
     "--pixel: has 3 numbers; give the width, or the width and height": {"log": True, "pixel": [1, 1, 1]},
     "--bin 0: use 1 to 40, the number of detector columns": {"log": True, "bin": 0},
     "--bin 41: use 1 to 40": {"log": True, "bin": 41},
+    "--bin 4: use 1 to 3, the number of detector rows": {"log": True, "bin": 4},
+    "words.npy: holds values of type <U1; give an array of numbers": {"flat": "words.npy"},
+    "two.npz: has 2 arrays (a and b); write the one that you mean to a file of its own": {"flat": "two.npz"},
+    "words.npy: holds values of type <U1;": {"log": True, "angles": "words.npy"},
+    "none.npz: has no array of numbers; it has none; give": {"log": True, "angles": "none.npz"},
+    "utf16.txt: is not text in UTF-8 (perhaps in UTF-16)": {"log": True, "angles": "utf16.txt"},
     "the largest count is 1 above the dark field, the white field 40000": {"flat": "40000"},
     "is empty; give a file or folder": {"flat": ""},
     "a divergent beam needs --source-to-axis and --source-to-detector": {"log": True, "beam": "divergent"},
@@ -293,6 +340,10 @@ def test_mistakes_are_one_line_and_leave_nothing(message, tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     np.save("ct.npy", line_integrals())
     np.save("wide.npy", np.ones((ROWS, COLUMNS + 1)))
+    np.save("words.npy", np.full((ROWS, COLUMNS), "a"))
+    np.savez("two.npz", a=np.ones((ROWS, COLUMNS)), b=np.ones((ROWS, COLUMNS)))
+    np.savez("none.npz")
+    np.savetxt("utf16.txt", 15 * np.arange(VIEWS), encoding="utf-16")
     np.savetxt("three.txt", [1, 2, 3])
     np.savetxt("radians.txt", np.radians(30 * np.arange(VIEWS)))
     Path("commas.csv").write_text("".join(f"{15 * view // 2},{15 * view % 2 * 5}\n" for view in range(VIEWS)))
@@ -354,6 +405,28 @@ def test_folder_with_other_images_is_rejected(tmp_path, extra):
         read_frames(tmp_path)
     assert str(error.value).startswith(f"{tmp_path / extra}: its name differs from view_# (#: a number)")
     np.testing.assert_array_equal(read_frames(tmp_path, others=[tmp_path / extra]).data, counts())
+
+
+@pytest.mark.parametrize(
+    "names, message",
+    [
+        (["0.5", "0.25", "0.75"], "such as view_0.5.tif and view_0.25.tif, so that their order is not clear; number"),
+        (["1", "2", "02"], "view_2.tif: has the same number as view_02.tif; keep only one image of each view"),
+        (["1", "2", "2.png"], "view_2.tif: has the same number as view_2.png; keep only one image of each view"),
+        (["0.50", "0.75", "1.00"], None),
+        (["1.2.9", "1.2.10", "1.2.11"], None),
+    ],
+)
+def test_images_whose_order_is_not_clear_are_rejected(names, message, tmp_path):
+    for value, name in enumerate(names):
+        path = tmp_path / f"view_{name if name.endswith('png') else f'{name}.tif'}"
+        imageio.imwrite(path, np.full((3, 4), value, np.uint8))
+    if message is None:
+        assert read_frames(tmp_path).data[:, 0, 0].tolist() == [0, 1, 2]
+        return
+    with pytest.raises(InputError) as error:
+        read_frames(tmp_path)
+    assert message in str(error.value)
 
 
 def test_gap_in_the_numbers_of_images_is_reported(tmp_path, caplog):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 from collections import Counter
@@ -23,6 +24,7 @@ from ..projections import theta_degrees
 
 TIFF, IMAGES = (".tif", ".tiff"), (".tif", ".tiff", ".png", ".bmp")
 HDF5 = (".h5", ".hdf5", ".hdf", ".nxs")
+FORMATS = (*IMAGES, ".npy", ".npz", ".mat", *HDF5)
 FIELDS = ("data_white", "data_dark")  # names of the Data Exchange format for frames without an object or without X-rays
 # Values of image_key of NXtomo (NeXus application definition): projection, flat field, dark field; 3 is invalid.
 PROJECTION, FLAT, DARK = 0, 1, 2
@@ -52,7 +54,12 @@ class Frames:
     log: bool = False
 
 
-def read_frames(source: str | Path, dataset: str | None = None, others: Collection[str | Path] = ()) -> Frames:
+def read_frames(
+    source: str | Path,
+    dataset: str | None = None,
+    others: Collection[str | Path] = (),
+    several: str = "name one with --dataset",
+) -> Frames:
     """Read the frames of a file, or of a folder with one image per view.
 
     Parameters
@@ -61,13 +68,30 @@ def read_frames(source: str | Path, dataset: str | None = None, others: Collecti
         Variable of a MATLAB or .npz file, or path in an HDF5 file. Default: the only array, or the largest one in HDF5.
     others : collection of str or Path, optional
         Files in the folder that are not views, such as the flat field.
+    several : str, optional
+        Advice for a file with several arrays.
 
     Raises
     ------
     InputError
         If the file is missing, damaged or of an unknown format, has several arrays or color images, or if the images
-        of a folder are not of one series. If there are no named arrays, but `dataset` is given.
+        of a folder are not of one series. If there are no named arrays, but `dataset` is given. If an array does not
+        contain numbers.
     """
+    frames = _read(source, dataset, others, several)
+    for array in (frames.data, frames.flat, frames.dark):
+        if array is not None:
+            _check_numbers(array, source)
+    return frames
+
+
+def _check_numbers(array: object, source: str | Path) -> None:
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "uif":  # MATLAB arrays may be sparse
+        kind = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
+        raise InputError(f"{source}: holds values of type {kind}; give an array of numbers")
+
+
+def _read(source: str | Path, dataset: str | None, others: Collection[str | Path], several: str) -> Frames:
     if not str(source):
         raise InputError("the path of an array is empty; give a file or folder (a shell variable may be unset)")
     path = Path(source)
@@ -85,13 +109,14 @@ def read_frames(source: str | Path, dataset: str | None = None, others: Collecti
             return Frames(np.load(path, allow_pickle=False))
     if suffix == ".npz":
         with reading(path, "NumPy archive"), np.load(path, allow_pickle=False) as file:
-            return Frames(_chosen(path, {name: file[name] for name in file.files}, dataset))
+            return Frames(_chosen(path, {name: file[name] for name in file.files}, dataset, several))
     if suffix == ".mat":
-        return Frames(_matlab(path, dataset))
+        return Frames(_matlab(path, dataset, several))
     if suffix in HDF5:
-        return _hdf5(path, dataset)
-    known = " ".join((*IMAGES, ".npy", ".npz", ".mat", *HDF5))
-    raise InputError(f"{path}: has an unknown format; convert it to one of {known}, or give a folder of images")
+        return _hdf5(path, dataset, several)
+    raise InputError(
+        f"{path}: has an unknown format; convert it to one of {' '.join(FORMATS)}, or give a folder of images"
+    )
 
 
 def _image(path: Path) -> np.ndarray:
@@ -119,7 +144,7 @@ def _stack(folder: Path, others: Collection[str | Path] = ()) -> np.ndarray:
     """Return the images of a folder, shape (views, rows, columns), in the order of the numbers in their names."""
     excluded = {Path(name).resolve() for name in others}
     images = (path for path in files_of(folder) if path.suffix.lower() in IMAGES and path.resolve() not in excluded)
-    files = sorted(images, key=_number_key)
+    files = sorted(images, key=lambda path: (_number_key(path), path.name))
     if not files:
         raise InputError(f"{folder}: has no images ({' '.join(IMAGES)}); give the folder with the projections")
     _check_names(files)
@@ -139,11 +164,18 @@ def _stack(folder: Path, others: Collection[str | Path] = ()) -> np.ndarray:
 
 
 def _number_key(path: Path) -> list[int | str]:
-    return [int(part) if index % 2 else part for index, part in enumerate(re.split("([0-9]+)", path.name))]
+    return [int(part) if index % 2 else part for index, part in enumerate(re.split("([0-9]+)", path.stem))]
 
 
 def _check_names(files: Sequence[Path]) -> None:
-    """Check that the names of sorted files differ in numbers only, and report a gap in these numbers."""
+    """Check that the names of sorted files differ in numbers only, and report a gap in these numbers.
+
+    Raises
+    ------
+    InputError
+        If a name differs otherwise, or two have the same numbers, as exports in two formats have. Also for decimals
+        with different numbers of digits, whose order is not clear: 1.10 may follow 1.9, or precede it.
+    """
     patterns = Counter(re.sub("[0-9]+", "#", path.stem) for path in files)
     usual = patterns.most_common(1)[0][0]
     for path in files:
@@ -151,6 +183,20 @@ def _check_names(files: Sequence[Path]) -> None:
             raise InputError(
                 f"{path}: its name differs from {usual} (#: a number) of the others; keep only the projections in this "
                 "folder, or give this file as --flat or --dark"
+            )
+    for path, following in itertools.pairwise(files):
+        if _number_key(path) == _number_key(following):
+            raise InputError(
+                f"{following}: has the same number as {path.name}; keep only one image of each view in this folder"
+            )
+    decimals = [re.findall(r"(?<![0-9.])[0-9]+\.([0-9]+)(?!\.?[0-9])", path.stem) for path in files]
+    for place in zip(*decimals, strict=True):
+        if len({*map(len, place)}) > 1 and len({*map(int, place)}) > 1:
+            raise InputError(
+                f"{files[0].parent}: names of images have decimal numbers with different numbers of digits, such as "
+                f"{files[int(np.argmin([*map(len, place)]))].name} and "
+                f"{files[int(np.argmax([*map(len, place)]))].name}, so that their order is not clear; number the "
+                "images 0001, 0002, ..."
             )
     numbers = np.array([_number_key(path)[1::2] for path in files], float)
     varying = numbers[:, np.ptp(numbers, axis=0) > 0] if numbers.size else numbers
@@ -161,58 +207,65 @@ def _check_names(files: Sequence[Path]) -> None:
             note(f"{before}: the next image is {after.name}; if a view is missing between, list the angles in a file")
 
 
-def _matlab(path: Path, dataset: str | None) -> np.ndarray:
+def _matlab(path: Path, dataset: str | None, several: str) -> np.ndarray:
     if h5py.is_hdf5(path):  # version 7.3, whose arrays HDF5 shows with reversed axes
         with reading(path, "MATLAB 7.3"), h5py.File(path, "r") as file:
             arrays = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
-            return np.asarray(_chosen(path, arrays, dataset)[...]).T
+            return np.asarray(_chosen(path, arrays, dataset, several)[...]).T
     with reading(path, "MATLAB"):
         listed = whosmat(path)
-        suitable = [name for name, shape, kind in listed if kind in MATLAB_NUMBERS and min(shape) > 1]
-        name = _chosen_name(path, [name for name, _, _ in listed], suitable, dataset)
+        shapes = {name: shape for name, shape, kind in listed if kind in MATLAB_NUMBERS}
+        name = _chosen_name(path, [name for name, _, _ in listed], shapes, dataset, several)
         return loadmat(path, variable_names=[name])[name]
 
 
-def _chosen(path: Path, arrays: Mapping, dataset: str | None):
-    """Return an array by name, or the only array of numbers with at least two dimensions."""
-    suitable = [name for name, value in arrays.items() if _numeric(value) and min(value.shape) > 1]
-    return arrays[_chosen_name(path, list(arrays), suitable, dataset)]
+def _chosen(path: Path, arrays: Mapping, dataset: str | None, several: str):
+    """Return an array by name, or the only array of numbers (`_chosen_name`)."""
+    shapes = {name: value.shape for name, value in arrays.items() if _numeric(value)}
+    return arrays[_chosen_name(path, list(arrays), shapes, dataset, several)]
 
 
-def _chosen_name(path: Path, names: Sequence[str], suitable: Sequence[str], dataset: str | None) -> str:
+def _chosen_name(
+    path: Path, names: Sequence[str], shapes: Mapping[str, tuple[int, ...]], dataset: str | None, several: str
+) -> str:
+    # By default the only array of numbers with at least two dimensions, or the only list of numbers.
     if dataset is not None:
         if dataset not in names:
             raise InputError(f"{path}: has no dataset {dataset}; it has {_listed(names)}")
         return dataset
-    if len(suitable) != 1:
-        raise InputError(f"{path}: has {len(suitable)} arrays ({_listed(suitable)}); name one with --dataset")
+    wide = [name for name, shape in shapes.items() if len(shape) > 1 and min(shape) > 1]
+    suitable = wide or [name for name, shape in shapes.items() if max(shape, default=1) > 1]
+    if not suitable:
+        raise InputError(
+            f"{path}: has no array of numbers; it has {_listed(names)}; give the file with the measured data"
+        )
+    if len(suitable) > 1:
+        raise InputError(f"{path}: has {len(suitable)} arrays ({_listed(suitable)}); {several}")
     return suitable[0]
 
 
 def _numeric(value) -> bool:
-    return getattr(getattr(value, "dtype", None), "kind", "") in "uif" and value.ndim >= 2
+    return getattr(getattr(value, "dtype", None), "kind", "") in "uif" and bool(value.shape)
 
 
 def _listed(names: Sequence[str]) -> str:
     return enumerated([*names[:MOST_NAMES], *["others"] * (len(names) > MOST_NAMES)]) or "none"
 
 
-def _hdf5(path: Path, dataset: str | None) -> Frames:
+def _hdf5(path: Path, dataset: str | None, several: str) -> Frames:
     with reading(path, "HDF5"), h5py.File(path, "r") as file:
         found: dict[str, h5py.Dataset] = {}
         file.visititems(lambda name, item: found.update({name: item} if isinstance(item, h5py.Dataset) else {}))
-        arrays = {name: item for name, item in found.items() if _numeric(item)}
         if dataset is not None:
             chosen = file.get(dataset.strip("/") or "/")  # also a link, which visititems does not follow
-            data = chosen if isinstance(chosen, h5py.Dataset) else _chosen(path, arrays, dataset)
+            data = chosen if isinstance(chosen, h5py.Dataset) else _chosen(path, found, dataset, several)
         else:
+            arrays = {name: item for name, item in found.items() if _numeric(item)}
             arrays = {name: item for name, item in arrays.items() if name.rpartition("/")[2] not in FIELDS}
             whole = [item for item in arrays.values() if item.ndim == max(item.ndim for item in arrays.values())]
             largest = [item for item in whole if item.size == max(item.size for item in whole)]
-            if len(largest) != 1:
-                names = [name for name, item in arrays.items() if item in largest]
-                raise InputError(f"{path}: has {len(names)} arrays ({_listed(names)}); name one with --dataset")
-            (data,) = largest
+            shapes = {name: item.shape for name, item in arrays.items() if item in largest}
+            data = found[_chosen_name(path, list(found), shapes, None, several)]
         beside = {name.rpartition("/")[2]: item for name, item in found.items()}
         angles = next(
             (theta_degrees(path, beside[name]) for name in ("theta", "rotation_angle") if name in beside), None

@@ -18,9 +18,10 @@ from ..projections import THETA_TOLERANCE, quantized
 from ..recording import Recording
 from ..scan import ELEMENT, UNKNOWN
 from . import one_checksum, write_folder, write_projections
-from .arrays import Frames, read_frames
+from .arrays import FORMATS, Frames, read_frames
 
 AXES = "vrc"  # view, row, column
+ALONE = "write the one that you mean to a file of its own"  # advice for fields and angles
 RADIANS_TOLERANCE = 0.005  # angles that span 180 or 360 degrees within this, in radians, are taken as radians
 UNITS = {"mm": 1.0, "um": 1e-3, ELEMENT: 1.0}  # lengths in recording.yaml per unit of the options
 
@@ -93,7 +94,7 @@ def import_projections(
     if not 1 <= len(pixel) <= 2:
         raise InputError(f"--pixel: has {len(pixel)} numbers; give the width, or the width and height")
     white, black = (
-        read_field(given, stated, name, data.shape, source)
+        read_field(given, stated, name, data.shape, source, axes)
         for given, stated, name in ((flat, frames.flat, "flat"), (dark, frames.dark, "dark"))
     )
     if log:
@@ -180,8 +181,9 @@ def check_bin(factor: int, shape: Sequence[int]) -> None:
     InputError
         If they cannot.
     """
-    if not 1 <= factor <= shape[-1]:
-        raise InputError(f"--bin {factor}: use 1 to {shape[-1]}, the number of detector columns")
+    for count, name in zip(shape[:0:-1], ("columns", "rows"), strict=True):
+        if not 1 <= factor <= count and not (name == "rows" and count == 1):  # a fan beam has one row
+            raise InputError(f"--bin {factor}: use 1 to {count}, the number of detector {name}")
 
 
 def source_files(*given: str | Path | None) -> list[Path]:
@@ -195,11 +197,8 @@ def arranged(array: np.ndarray, axes: str | None, source: str | Path) -> np.ndar
     Raises
     ------
     InputError
-        If it is no array of numbers, or the letters do not fit its axes.
+        If it is empty, or the letters do not fit its axes.
     """
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "uif":  # MATLAB arrays may be sparse
-        kind = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
-        raise InputError(f"{source}: holds values of type {kind}; give an array of numbers")
     if array.size == 0:
         raise InputError(f"{source}: has no projections (shape {array.shape}); give the measured frames")
     axes = axes or {2: "vc", 3: AXES}.get(array.ndim, "")
@@ -244,26 +243,46 @@ def center_offsets(shape: Sequence[int], factor: int, stated_px: Sequence[float]
 
 
 def read_field(
-    given: str | None, stated: np.ndarray | None, name: str, shape: tuple[int, ...], source: str | Path
+    given: str | None,
+    stated: np.ndarray | None,
+    name: str,
+    shape: tuple[int, ...],
+    source: str | Path,
+    axes: str | None = None,
 ) -> np.ndarray | None:
-    """Return the mean of flat or dark frames, shape (rows, columns); None if there are none."""
+    """Return the mean of flat or dark frames, shape (rows, columns); None if there are none.
+
+    Rows and columns of frames are stored in the order and direction of `axes`, as in the projections. Frames whose
+    shape only fits the other order have their rows first.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or frames have another size than the projections.
+    """
     _, rows, columns = shape
+    axes = axes or AXES
     if given is not None:
         try:
             return np.full((rows, columns), float(given))
         except ValueError:
-            source, stated = given, read_frames(given).data
+            found = read_frames(given, several=ALONE)
+            source, stated = given, getattr(found, name)  # a Data Exchange file has projections beside its fields
+            stated = found.data if stated is None else stated
     if stated is None:
         return None
     field = np.asarray(stated, np.float64).reshape(-1, *stated.shape[-2:]).mean(axis=0) if stated.ndim > 2 else stated
     if rows == 1 and field.ndim == 2 and field.shape[-1] == columns:
         field = field.mean(axis=0)
+    if field.shape == (columns, rows) and re.search("c.*r", axes.lower()):
+        field = field.T
     if field.size != rows * columns or field.shape[-1] != columns:
         raise InputError(
             f"{source}: the {name} field has shape {np.shape(stated)}, but a projection has {rows} rows and {columns} "
             "columns; give frames of the same detector region"
         )
-    return np.asarray(field, np.float64).reshape(rows, columns)
+    field = np.asarray(field, np.float64).reshape(rows, columns)
+    return field[:: -1 if "R" in axes else 1, :: -1 if "C" in axes else 1]
 
 
 def _air(data: np.ndarray, count: int, source: str | Path) -> np.ndarray:
@@ -281,9 +300,11 @@ def _angles(given: str | None, frames: Frames, views: int, source: str | Path) -
             raise InputError(f"{source}: states no view angles; give --angles START,STEP, a file, or unknown")
         return _checked_list(frames.angles_deg, views, source)
     if os.path.isfile(given):
-        if Path(given).suffix.lower() in (".txt", ".csv", ".ang", ".dat"):
+        if Path(given).suffix.lower() not in FORMATS:
             return _checked_list(read_angles(given), views, given)
-        return _checked_list(np.ravel(read_frames(given).data).astype(float), views, given)
+        found = read_frames(given, several=ALONE)
+        listed = np.ravel(found.data).astype(float) if found.angles_deg is None else found.angles_deg
+        return _checked_list(listed, views, given)
     try:
         start, step = map(float, given.split(","))
     except ValueError:
@@ -334,10 +355,12 @@ def read_angles(path: str | Path) -> np.ndarray:
     Raises
     ------
     InputError
-        If lines have several numbers, the first of which do not count the views.
+        If lines have several numbers, the first of which do not count the views. If the file is not UTF-8.
     """
-    rows = []
-    for line in Path(path).read_text(encoding="utf-8-sig", errors="replace").splitlines():
+    text, rows = Path(path).read_text(encoding="utf-8-sig", errors="replace"), []
+    if "\0" in text:
+        raise InputError(f"{path}: is not text in UTF-8 (perhaps in UTF-16); save it in UTF-8")
+    for line in text.splitlines():
         words = re.sub("[,;:]", " ", line.partition("#")[0]).split()
         with contextlib.suppress(ValueError):
             rows += [[float(word) for word in words]] if words else []

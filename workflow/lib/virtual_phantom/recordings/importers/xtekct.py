@@ -90,12 +90,12 @@ def import_xtekct(
     else:
         angles = _number(source, stated, "InitialAngle") + _number(source, stated, "AngularStep") * np.arange(len(data))
         check_angles(angles, len(data), source)
-    white = read_field(flat, None, "flat", data.shape, source)
+    white = read_field(flat, None, "flat", data.shape, source, TOP_ROW_FIRST)
     if white is None:
         level = BITS_8 - 1 if data.dtype.itemsize == 1 else _length(source, stated, "WhiteLevel")
         white = np.full(size, float(level))
         note(f"{source}: no flat field; the white level is taken as {level:g}, the same in all pixels")
-    black = read_field(dark, None, "dark", data.shape, source)
+    black = read_field(dark, None, "dark", data.shape, source, TOP_ROW_FIRST)
     arrays = [binned(array, bin) for array in (data, white, np.zeros(size) if black is None else black)]
     pixel = [_length(source, stated, f"DetectorPixelSize{axis}") for axis in "XY"]
     offsets = [mm / side for mm, side in zip(_offsets_mm(source, stated), pixel, strict=True)]
@@ -138,7 +138,10 @@ def _read(path: Path) -> dict[str, str]:
     try:
         parser.read_string(path.read_text(encoding="utf-8-sig", errors="replace"))
     except configparser.Error as error:
-        raise InputError(f"{path}: is no parameter file of a Nikon scanner ({type(error).__name__})") from None
+        raise InputError(
+            f"{path}: is no parameter file of a Nikon scanner ({type(error).__name__}); give the .xtekct "
+            "file of the scan"
+        ) from None
     return {key: value for section in parser.sections() for key, value in parser.items(section)}
 
 
@@ -171,7 +174,7 @@ def _number(path: Path, stated: dict[str, str], key: str) -> float:
     except KeyError:
         raise InputError(f"{path}: has no {key}; give the parameter file of the scan (.xtekct)") from None
     except ValueError:
-        raise InputError(f"{path}: {key} is {stated[key]!r}; give a number") from None
+        raise InputError(f"{path}: {key} is {stated[key]!r}; give a number with a decimal point") from None
     if not math.isfinite(value):
         raise InputError(f"{path}: {key} is {stated[key]}; give a finite number")
     if stated.get("Units", "mm") != "mm":
