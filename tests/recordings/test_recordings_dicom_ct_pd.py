@@ -10,8 +10,10 @@ import pydicom
 import pytest
 from pydicom.dataelem import RawDataElement
 from pydicom.dataset import Dataset
+from pydicom.encaps import encapsulate
 from pydicom.sequence import Sequence
 from pydicom.tag import Tag
+from pydicom.uid import JPEGLosslessSV1
 from test_recordings_importers import import_refused
 
 from virtual_phantom.base.geometry import helical
@@ -222,11 +224,28 @@ def test_corrections_photons_and_labels_are_read_and_patient_data_are_not(scan, 
         (lambda f: change(f, TRAJECTORY="AXIAL"), "mm off along z (7031,1002)"),
         (lambda f: change(f, VIEWS_PER_TURN=64), "64 views per rotation (7033,1013) would be 5.625"),
         (lambda f: [path.unlink() for path in f.glob("*.dcm")], "has no DICOM file"),
+        (lambda f: change(f, VIEWS_PER_TURN=0), "views per rotation (7033,1013) is 0, not a number above 0; export"),
+        (lambda f: change(f, DISTANCE=0.0), "to the detector (7031,1031) is 0, not a number above 0"),
+        (lambda f: change(f, WIDTH=[1.0, 2.0]), "width of an element (7029,1002) is 1, 2, not a number above 0"),
+        (lambda f: change(f, CENTRAL=[46.0]), "central element (7031,1033) is 46, not 2 finite numbers"),
+        (lambda f: change(f, FOCAL_ANGLE=math.nan), "element (7031,1001) is nan, not a finite number"),
+        (lambda f: change(f, RescaleSlope=0), "element (0028,1053) is 0, not a number above 0"),
+        (lambda f: change(f, InstanceNumber=None), "has no valid InstanceNumber (0020,0013), the number of the view"),
+        (lambda f: compress(f), "its pixels are stored as JPEG Lossless, Non-Hierarchical, First-Order Prediction"),
     ],
 )
 def test_contradictions_are_one_line(spoil, message, scan, tmp_path):
     spoil(scan)
     import_refused(tmp_path / "clinic", lambda: import_dicom_ct_pd(scan, tmp_path / "clinic"), message)
+
+
+def compress(folder):
+    for path in folder.glob("*.dcm"):
+        one = pydicom.dcmread(path)
+        one.file_meta.TransferSyntaxUID = JPEGLosslessSV1
+        one.PixelData = encapsulate([b"\xff\xd8"])
+        one["PixelData"].is_undefined_length = True
+        one.save_as(path)
 
 
 def swap(folder):

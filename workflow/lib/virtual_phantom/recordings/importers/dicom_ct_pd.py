@@ -17,7 +17,7 @@ import pydicom
 from pydicom.dataset import Dataset
 from pydicom.multival import MultiValue
 from pydicom.tag import Tag
-from pydicom.uid import CTImageStorage
+from pydicom.uid import CTImageStorage, ImplicitVRLittleEndian
 
 from ...base.errors import InputError, reading
 from ...base.geometry import SPOT_KEYS
@@ -25,6 +25,7 @@ from ...base.vectors import CYLINDRICAL, FLAT
 from ...io import dicom_ct_pd as pd
 from ...io.volumes import check_fits
 from ...phantom.dicom_files import UnusedFiles, add_not_dicom, files_in, split_dicom
+from ...phantom.regions import whole_number
 from ..recording import Recording
 from . import one_checksum, write_folder, write_projections
 
@@ -50,6 +51,10 @@ SAME = {
     (0x0018, 0x0060): "tube voltage",
     (0x0018, 0x1150): "rotation time",
 }
+SLOPE, INTERCEPT, FIELD = (0x0028, 0x1053), (0x0028, 0x1052), (0x0018, 0x0090)
+# Elements that must be above 0, and numbers of values: one by default, any for PHOTONS.
+POSITIVE = {pd.ROWS, pd.COLUMNS, pd.WIDTH, pd.HEIGHT, pd.FOCAL_RADIUS, pd.DISTANCE, pd.VIEWS_PER_TURN, SLOPE}
+COUNTS = {pd.CENTRAL: 2}
 OPTIONAL = {(0x0018, 0x0060), (0x0018, 0x1150), (0x0020, 0x000E), pd.SOURCES, *pd.CORRECTIONS.values()}
 STEP_TOLERANCE = 0.25  # share of the step between views; larger deviations mean missing or foreign views
 POSITION_TOLERANCE_MM = 0.02  # rounding of focal spot positions, and of heights of a helix
@@ -107,7 +112,7 @@ def import_dicom_ct_pd(
     positions = _positions(views)
     spots = _spots(source, common, positions, swapped_shifts)
     scan = _scan(source, common, positions, spots, rows, columns)
-    if diameter := _value(first, (0x0018, 0x0090)):
+    if diameter := _value(first, FIELD):
         _check_shape(first.path, scan, diameter)
     lines = _lines(views, rows, columns, transposed)
     _check_field(source, lines)
@@ -168,20 +173,38 @@ def _read(source: Path) -> list[View]:
 
 def _views(path: Path, header: Dataset) -> Iterator[View]:
     if FRAMES not in header:
-        yield View(path, int(header.get("InstanceNumber") or 0), (header,), 0)
+        yield View(path, _instance_number(path, header), (header,), 0)
         return
     shared = tuple(header[SHARED_FRAMES].value) if SHARED_FRAMES in header else ()
-    start = (int(header.get("InstanceNumber") or 1) - 1) * len(header[FRAMES].value)
+    number = _instance_number(path, header) if header.get("InstanceNumber") else 1
+    start = (number - 1) * len(header[FRAMES].value)
     for frame, item in enumerate(header[FRAMES].value):
         yield View(path, start + frame + 1, (item, *shared, header), frame)
+
+
+def _instance_number(path: Path, header: Dataset) -> int:
+    if (number := whole_number(header, "InstanceNumber")) is None:
+        raise InputError(f"{path}: has no valid InstanceNumber (0020,0013), the number of the view; export it again")
+    return number
 
 
 def _value(view: View, tag: tuple[int, int]):
     """Return the value of an element, whatever value representation it was written with; None if it is absent."""
     for header in view.headers:
         if (element := _element(header, tag, header is not view.headers[-1])) is not None:
-            return _plain(view.path, tag, element)
+            value = _plain(view.path, tag, element)
+            if value is not None and not isinstance(value, str) and tag != pd.PHOTONS:
+                _check_numbers(view.path, tag, value)
+            return value
     return None
+
+
+def _check_numbers(path: Path, tag: tuple[int, int], value) -> None:
+    values, count = value if isinstance(value, tuple) else (value,), COUNTS.get(tag, 1)
+    if len(values) != count or not all(map(math.isfinite, values)) or (tag in POSITIVE and min(values) <= 0):
+        kind = "a number above 0" if tag in POSITIVE else "a finite number" if count == 1 else f"{count} finite numbers"
+        shown = ", ".join(f"{number:g}" for number in values)
+        raise InputError(f"{path}: {SAME.get(tag, 'element')} {Tag(tag)} is {shown}, not {kind}; export the scan again")
 
 
 def _element(header: Dataset, tag: tuple[int, int], deep: bool):
@@ -271,10 +294,6 @@ def _positions(views: list[View]) -> dict[str, np.ndarray]:
     shifts = {"spot_angle": pd.SPOT_ANGLE, "spot_z": pd.SPOT_Z, "spot_radius": pd.SPOT_RADIUS}
     found = {name: np.array([_needed(view, tag) for view in views], float) for name, tag in tags.items()}
     found |= {name: np.array([_value(view, tag) or 0.0 for view in views], float) for name, tag in shifts.items()}
-    for name, values in found.items():
-        if not np.isfinite(values).all():
-            worst = views[int(np.argmin(np.isfinite(values)))]
-            raise InputError(f"{worst.path}: {name.replace('_', ' ')} is not a finite number; export the scan again")
     return found
 
 
@@ -419,12 +438,18 @@ def _lines(views: list[View], rows: int, columns: int, transposed: bool) -> np.n
         if view.path != opened:
             with reading(view.path, "DICOM-CT-PD"):
                 dataset = pydicom.dcmread(view.path, force=True)
+                syntax = dataset.file_meta.get("TransferSyntaxUID", ImplicitVRLittleEndian)
+                if syntax.is_compressed or not syntax.is_little_endian:
+                    raise InputError(
+                        f"{view.path}: its pixels are stored as {syntax.name}; convert the files to Explicit VR Little "
+                        "Endian (gdcmconv --raw)"
+                    )
                 kind = {0: "<u2", 1: "<i2"}[int(dataset.get("PixelRepresentation") or 0)]
                 if int(dataset.BitsAllocated) != 16:
                     raise ValueError
                 frames, opened = np.frombuffer(dataset.PixelData, kind).reshape(-1, *shape), view.path
         with reading(view.path, "DICOM-CT-PD"):
-            slope, intercept = (_needed(view, tag) for tag in ((0x0028, 0x1053), (0x0028, 0x1052)))
+            slope, intercept = (_needed(view, tag) for tag in (SLOPE, INTERCEPT))
             image = frames[view.frame] * slope + intercept
         lines[index] = (image.T if transposed else image)[::-1]
     return lines
