@@ -1,5 +1,6 @@
 """Commands end every exception in one line, print notes once, and escape names that the terminal cannot encode."""
 
+import errno
 import logging
 import os
 import subprocess
@@ -28,6 +29,14 @@ def raising(error):
         (InputError("a.nii: is empty; give another"), "Error: a.nii: is empty; give another"),
         (InputErrors(["a: 1", "b: 2"]), "Error: 2 mistakes\n  1. a: 1\n  2. b: 2"),
         (MemoryError(), "Error: not enough memory (no more is available)"),
+        (
+            OSError(errno.ENOSPC, "No space left on device"),
+            "Error: a file: No space left on device; check the permissions, the disk and its quota, and run again",
+        ),
+        (
+            PermissionError(errno.EACCES, "Permission denied", "ct/a.dcm"),
+            "Error: ct/a.dcm: Permission denied; check the permissions, the disk and its quota, and run again",
+        ),
         (
             IndexError("tuple index\nout of range"),
             "Error: unexpected IndexError: tuple index out of range; this is a fault of Virtual Phantom: report it "

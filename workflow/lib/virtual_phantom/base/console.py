@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import logging
 import os
 import sys
@@ -16,6 +17,10 @@ from .home import expand_home_of_word
 DEBUG = "--debug"
 NOTES = logging.getLogger("virtual_phantom.notes")
 PROGRESS_SECONDS = 5  # shorter work is not reported
+# Errors of the system that are not faults of a program: access, disks that are full or fail, and limits.
+SYSTEM_ERRORS = frozenset(
+    (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ESTALE)
+) | {errno.ENAMETOOLONG, errno.EMFILE}
 INTERRUPTED = 130  # exit code of a program that Ctrl-C stopped, by the shell's convention (128 + SIGINT)
 
 
@@ -139,6 +144,9 @@ def unexpected(error: BaseException, beside: str = f"what the same command print
     """Return one line about an unexpected exception; `beside` says what a bug report needs in addition to this line."""
     if isinstance(error, UnicodeEncodeError):
         return _unencodable(error)
+    if isinstance(error, OSError) and error.errno in SYSTEM_ERRORS:
+        where = "a file" if error.filename is None else InputError(error.filename)
+        return f"{where}: {error.strerror}; check the permissions, the disk and its quota, and run again"
     reason = str(InputError(" ".join(str(error).split())))
     what = f"unexpected {type(error).__name__}" + (f": {reason}" if reason else "")
     return f"{what}; this is a fault of Virtual Phantom: report it with {beside}"
