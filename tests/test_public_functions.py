@@ -5,6 +5,7 @@ import inspect
 
 import numpy as np
 import pytest
+import recording_folders
 
 import virtual_phantom as vp
 from virtual_phantom.api import simulated
@@ -82,6 +83,10 @@ def test_recording_is_diagnosed_or_rejected(name, tmp_path):
     [
         (lambda one: vp.draw_phantom((12, 40)), "shape: (12, 40) is not three numbers (z, y, x); give three"),
         (lambda one: vp.draw_phantom((12, 40.5, 40)), "shape[1]: 40.5 is not a whole number of at least 1; give one"),
+        (
+            lambda one: vp.draw_phantom((10**6, 10**6, 10**6)),
+            "shape (1000000, 1000000, 1000000) with oversampling 2: needs 3.2e+10 GB of memory, but the machine has",
+        ),
         (lambda one: vp.draw_phantom(spacing_mm="abc"), "spacing_mm: 'abc' is not three numbers (z, y, x); give three"),
         (lambda one: vp.draw_phantom(seed="a"), "seed: 'a' is not a whole number of at least 0; give one"),
         (lambda one: vp.draw_phantom(shpe=3), "draw_phantom: got an unexpected keyword argument 'shpe'; did you mean"),
@@ -114,6 +119,13 @@ def test_line_names_the_argument(call, line, phantom, tmp_path, monkeypatch):
 def test_numpy_arrays_and_numbers_are_accepted():
     drawn = vp.draw_phantom(np.array((12, 40, 40)), np.array((8.0, 7.5, 7.5)), oversampling=np.int64(1))
     assert drawn.image.grid.shape == (12, 40, 40)
+
+
+def test_diagnosis_takes_numpy_numbers_and_paths(tmp_path):
+    recording_folders.projections_folder(tmp_path / "bench")
+    wanted = {"view_step": np.int64(2), "samples": np.int64(0), "matters": {"hu": np.float32(5)}}
+    with pytest.raises(InputError, match="^diagnose: samples: 0 is less than the minimum of 1"):
+        vp.diagnose(tmp_path / "bench", mask=(tmp_path / "object.nii", "water"), **wanted)
 
 
 def test_internal_error_is_one_line_with_what_to_report():

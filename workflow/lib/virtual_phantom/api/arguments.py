@@ -116,6 +116,17 @@ def check_sequence(value: object, name: str, what: str) -> list:
     return list(value)
 
 
+def plain(value: object) -> object:
+    """Convert NumPy values, paths and tuples to types of YAML, for the schema."""
+    if isinstance(value, Mapping):
+        return {key: plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    return str(value) if isinstance(value, Path) else value
+
+
 def check_made_by(value: object, kind: type[T], name: str, maker: str) -> T:
     """Check that a value is of the type that another function returns."""
     if not isinstance(value, kind):

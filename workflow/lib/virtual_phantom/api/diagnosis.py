@@ -27,6 +27,7 @@ from .arguments import (
     check_positive,
     check_sequence,
     check_text,
+    plain,
     public,
 )
 
@@ -113,7 +114,7 @@ def diagnose(
     phantom = None if phantom is None else check_path(phantom, "phantom")
     if effects is not None:
         effects = [check_text(name, "effects") for name in check_sequence(effects, "effects", "names of effects")]
-    section = settings | _scanned_section(disc, mask, labels, shapes)
+    section = plain(settings | _scanned_section(disc, mask, labels, shapes))
     if unknown:
         section["object"] = {"unknown": True}
     if scan is not None:
@@ -127,8 +128,8 @@ def diagnose(
             f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
             "configuration (docs/how-to/diagnosis.md) and run snakemake diagnosis"
         )
-    thresholds = check_mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
-    validate(dict(thresholds), schema_of("diagnosis", "matters"), "matters")
+    thresholds = plain(check_mapping({} if matters is None else matters, "matters", "{quantity: threshold}"))
+    validate(thresholds, schema_of("diagnosis", "matters"), "matters")
     schema = SECTION | {"$defs": schema_of()["$defs"]}
     validate(section, schema, "diagnose")
     fill_defaults(section, schema)
@@ -148,7 +149,7 @@ def diagnose(
         candidates(replace(recorded, effects=effects), **candidate_conditions(document.content)),
         defaults_of("diagnosis", "model_accuracy"),
         shape_rois=False,
-        thresholds=defaults_of("diagnosis", "matters") | dict(thresholds),
+        thresholds=defaults_of("diagnosis", "matters") | thresholds,
         coverage=read_proof_record(RESOURCES / "proof_record.yaml"),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +19,7 @@ from ..base.streams import Branch, branch
 from ..features import extraction
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.study_sizes import paper_groups
-from ..io.volumes import Volume
+from ..io.volumes import Volume, check_fits
 from ..phantom import Phantom, ct, layout, synthetic
 from ..physics.beam.materials import Segmentation
 from ..physics.beam.sensors import Sensor
@@ -38,6 +39,7 @@ from .arguments import (
     check_sequence,
     check_text,
     check_three,
+    plain,
     public,
 )
 
@@ -110,8 +112,8 @@ def draw_phantom(
     InputError
         For an invalid layout, or one that does not fit the grid.
     """
-    grid = _grid(shape, spacing_mm)
     oversampling = check_integer(oversampling, "oversampling", 1, MAX_OVERSAMPLING)
+    grid = _grid(shape, spacing_mm, oversampling)
     seed = check_integer(seed, "seed", 0, LARGEST_SEED)
     drawn = layout.read_layout(None if layout_file is None else check_path(layout_file, "layout_file"))
     return synthetic.build(drawn, grid, oversampling, branch(seed, Branch.PHANTOM))
@@ -149,27 +151,18 @@ def read_phantom(
         For an unusable image, region or setting (phantom.ct.load_phantom).
     """
     regions = check_sequence(rois, "rois", "mappings with name and tissue_class")
-    settings = {"image": check_path(image, "image"), "rois": [_plain(region) for region in regions], **_plain(places)}
+    settings = {"image": check_path(image, "image"), "rois": [plain(region) for region in regions], **plain(places)}
     if labels is not None:
         settings["labels"] = check_path(labels, "labels")
     finer = check_integer(oversampling, "oversampling", 1, MAX_OVERSAMPLING)
-    return ct.load_phantom(ct.read_settings(expand_home(settings)), _grid(shape, spacing_mm), finer)
+    return ct.load_phantom(ct.read_settings(expand_home(settings)), _grid(shape, spacing_mm, finer), finer)
 
 
-def _grid(shape: object, spacing_mm: object) -> Grid:
+def _grid(shape: object, spacing_mm: object, oversampling: int) -> Grid:
     count = functools.partial(check_integer, least=1)
-    return Grid(check_three(shape, "shape", count), check_three(spacing_mm, "spacing_mm", check_positive))
-
-
-def _plain(value: object) -> object:
-    """Convert NumPy values, paths and tuples to types of YAML, for the schema."""
-    if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    return str(value) if isinstance(value, Path) else value
+    grid = Grid(check_three(shape, "shape", count), check_three(spacing_mm, "spacing_mm", check_positive))
+    check_fits(4 * math.prod(grid.shape) * oversampling**3, f"shape {grid.shape} with oversampling {oversampling}")
+    return grid
 
 
 @public
@@ -217,12 +210,12 @@ def scan(
     projections, repeats = check_integer(projections, "projections", 1), check_integer(repeats, "repeats", 1)
     noise_level, threads = check_positive(noise_level, "noise_level"), check_integer(threads, "threads", 1)
     seed = check_integer(seed, "seed", 0, LARGEST_SEED)
-    physics = _plain(check_mapping({} if physics is None else physics, "physics", "{effect: {parameter: value}}"))
+    physics = plain(check_mapping({} if physics is None else physics, "physics", "{effect: {parameter: value}}"))
     if stream is not None:
         labels = check_pair(stream, "stream", "labels of geometry and noise level")
         stream = tuple(check_text(label, "stream") for label in labels)
     effects = checked(physics)
-    section = STUDY["scan"] | _plain(scanner)
+    section = STUDY["scan"] | plain(scanner)
     validate(section, schema_of("scan"), "scan")
     fill_defaults(section, schema_of("scan"))
     geometry = scan_geometry(from_mapping(ScanSettings, section), projections, phantom.image.grid)
@@ -286,7 +279,7 @@ def reconstruct(
     known = defaults_of("reconstruction")
     if check_text(algorithm, "algorithm") not in known:
         raise InputError(f"algorithm '{algorithm}' is unknown; {did_you_mean(algorithm, known)}")
-    settings = _plain(settings)
+    settings = plain(settings)
     validate(settings, schema_of("reconstruction", algorithm), algorithm)
     check_made_by(scan, Scan, "scan", "vp.scan")
     chosen = known[algorithm] | settings
