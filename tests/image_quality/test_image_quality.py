@@ -240,6 +240,15 @@ def test_noise_is_measured_in_uniform_areas_of_an_unknown_object_and_against_dos
     assert series["quantity"] == "dose_mgy" and series["doses"] == list(doses)
     assert series["exponents"] == pytest.approx([1.0, np.log(2.25) / np.log(4)], abs=0.05)
     assert _against_dose("m", recordings[:1]) is None
+    without_dose = [one | {"mas": 10 * one["dose_mgy"]} for one in recordings]
+    without_dose[0]["dose_mgy"] = 0.0
+    assert _against_dose("m", without_dose) == series | {"quantity": "mas", "doses": [10.0, 40.0, 160.0]}
+
+
+def test_image_without_noise_is_rejected():
+    flat = np.zeros((2, SIDE, SIDE), np.float32)
+    with pytest.raises(InputError, match="soft tissue has no noise in the image; use an image with noise, or state"):
+        measure_module([flat], Grid(flat.shape, SPACING), ModuleSettings())
 
 
 def test_target_writes_document_page_tables_and_figures(plane, object_file, tmp_path):

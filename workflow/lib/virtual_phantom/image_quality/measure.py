@@ -195,7 +195,7 @@ def _uniform_areas(images: np.ndarray, spacing) -> np.ndarray:
     Raises
     ------
     InputError
-        If there is no soft tissue.
+        If there is no soft tissue, or it has no noise.
 
     References
     ----------
@@ -208,6 +208,8 @@ def _uniform_areas(images: np.ndarray, spacing) -> np.ndarray:
     if not soft.any():
         raise InputError("there is no soft tissue or water in the image; state the object")
     values = np.log(sd[soft][sd[soft] > 0])
+    if len(np.unique(values)) < 2:
+        raise InputError("soft tissue has no noise in the image; use an image with noise, or state the object")
     levels = np.linspace(*np.percentile(values, [1, 99]), 200)
     level = np.exp(levels[np.argmax(stats.gaussian_kde(values[:: max(1, len(values) // 5000)])(levels))])
     centers = soft & (sd < UNIFORM * level)
@@ -218,8 +220,8 @@ def _against_dose(module: str, recordings: Iterable[Mapping]) -> dict | None:
     """Return noise by dose, and the exponents of variance against dose; None for fewer than two doses."""
     measured = [one for one in recordings if one["modules"][module]["noise"] is not None]
     for key in DOSES:
-        doses = sorted({one[key] for one in measured if one[key] is not None})
-        if len(doses) > 1 and all(one[key] is not None for one in measured):
+        doses = sorted({one[key] for one in measured if one[key]})  # scanners write 0 for an unknown dose
+        if len(doses) > 1 and all(one[key] for one in measured):
             squares = [(one[key], one["modules"][module]["noise"]["sd_hu"] ** 2) for one in measured]
             variances = {dose: float(np.mean([square for at, square in squares if at == dose])) for dose in doses}
             return {
