@@ -113,8 +113,7 @@ def compare_choices(group, draw):
     row |= {"alone": named, "ambiguous": "/".join(ambiguous)}
     if ambiguous:
         chosen, ambiguities = refit(prepared, "first", {named: ambiguous})
-        section = {"disc": {"diameter_mm": DISC_MM, "material": "water"}}
-        scans = [one for one in possible({"first": prepared}, section) if isinstance(one, FurtherScan)]
+        scans = [one for one in possible({"first": prepared}) if isinstance(one, FurtherScan)]
         ranked = rank({"first": prepared}, chosen, ambiguities, scans).ranked
         for place, which in ((0, "first"), (-1, "last")):
             scan = ranked[place].measurement

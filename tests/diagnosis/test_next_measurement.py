@@ -9,6 +9,7 @@ from scipy.optimize import lsq_linear
 from simulated_scans import SCAN, noisy_lines
 
 from virtual_phantom.base.data import SCHEMAS
+from virtual_phantom.diagnosis.planning.candidates import candidate_measurements
 from virtual_phantom.diagnosis.planning.information import (
     MeasurementInformation,
     correlation,
@@ -50,6 +51,7 @@ from virtual_phantom.recordings.scan import scan_geometry
 PHOTONS = 1e5
 GEOMETRY = scan_geometry(SCAN, "the scan")
 SECTION = {"disc": {"diameter_mm": 160, "material": "water"}}
+CONTENT = {"name": "disc", "kind": "projections", "scan": SCAN, "nominal": {"photons": 100.0}, "repeats": ["a.h5"]}
 OFFSET, AXIS = "detector_offset", "centre_of_rotation"
 
 
@@ -121,7 +123,7 @@ def moved():
     prepared = {"disc": prepare_recording({OFFSET: {"columns_px": 0.15}})}
     chosen, ambiguities = refit(prepared["disc"], "disc", {OFFSET: [AXIS]})
     suggested = ("same", "less_magnified", "half_current", "air", "dark_frames")
-    some = [one for one in possible(prepared, SECTION) if one.name in suggested]
+    some = [one for one in possible(prepared) if one.name in suggested]
     assert [one.name for one in some] == ["same", "less_magnified", "half_current", "air", "dark_frames"]
     return prepared, chosen, ambiguities, rank(prepared, chosen, ambiguities, some)
 
@@ -158,7 +160,7 @@ def test_dark_frames_measure_a_dark_signal():
     prepared = {"disc": prepare_recording({"dark_signal": {"level_units": 400.0, "drift_units_per_s": 0.0}}, seed=4)}
     fitter = prepared["disc"].fitter
     fits = {name: {"disc": fitter.fit((name,))} for name in ("dark_signal", "scatter")}
-    frames = [one for one in possible(prepared, SECTION) if one.name in ("dark_frames", "air")]
+    frames = [one for one in possible(prepared) if one.name in ("dark_frames", "air")]
     found = rank(prepared, fits["dark_signal"], [Ambiguity(fits)], frames)
     assert [one.measurement.name for one in found.ranked] == ["dark_frames", "air"]
     assert found.ranked[0].least > found.now.least + 100
@@ -186,7 +188,7 @@ def test_ambiguity_of_a_scanner_diagnosis_is_found(moved):
 
 def test_without_ambiguity_the_named_effects_are_measured_better(moved):
     prepared, chosen, _, _ = moved
-    some = [one for one in possible(prepared, SECTION) if one.name in ("same", "air")]
+    some = [one for one in possible(prepared) if one.name in ("same", "air")]
     found = rank(prepared, chosen, [], some)
     assert [one.measurement.name for one in found.ranked] == ["same", "air"]
     assert found.ranked[0].least is None and not settles(found.ranked[0]) and found.ranked[0].gain > 0
@@ -206,16 +208,39 @@ def test_table_figure_and_recording_template_are_written(moved):
     assert list(rows["name"][:2]) == ["now", "less_magnified"] and rows["settles"][1]
     assert best_measurement_text(found).startswith("the object nearer to the detector")
     assert [axes.get_xlabel() for axes in draw_ranking(rows, 3.0).axes][0].startswith("expected information gain")
-    content = {"name": "disc", "kind": "projections", "scan": SCAN, "nominal": {"photons": 100.0}, "repeats": ["a.h5"]}
     for one in found.ranked:
-        text = recording_template("disc", one, content, SECTION, 4)
+        text = recording_template("disc", one, CONTENT, SECTION, 4)
         filled = yaml.safe_load(text)
         validate(filled, read_schema(SCHEMAS / "recording.schema.yaml"), "recording.yaml")
         assert one.measurement.words in text and len(filled["repeats"]) == 4
         if one.measurement.name == "half_current":
             assert filled["nominal"]["photons"] == 50
         if one.measurement.name == "less_magnified":
-            assert filled["scan"]["source_to_isocentre_mm"] > 700 and content["scan"]["source_to_isocentre_mm"] == 500
+            assert filled["scan"]["source_to_isocentre_mm"] > 700 and SCAN["source_to_isocentre_mm"] == 500
+
+
+def template_of(name, content, settings):
+    """Return the recording.yaml of a measurement, and the configuration in its comments."""
+    measurements = candidate_measurements(GEOMETRY, DiscScene(160.0, "water"))
+    (made,) = (one for one in measurements if one.name == name)
+    text = recording_template("disc", RankedMeasurement(made, 0.0, {}, {}), CONTENT | content, settings, 2)
+    lines = [line.removeprefix("# ") for line in text.splitlines() if line.startswith("#")]
+    return yaml.safe_load(text), yaml.safe_load("\n".join(lines[lines.index("Then add to the configuration:") + 1 :]))
+
+
+def test_further_scan_of_the_object_keeps_its_settings():
+    settings = SECTION | {"object_exact": True, "samples": 3, "alignment": {"scale": 0.01}}
+    _, configured = template_of("less_magnified", {}, settings)
+    assert configured["diagnosis"]["recordings"]["disc_less_magnified"] == settings
+    _, configured = template_of("pmma", {}, settings)
+    assert configured["diagnosis"]["recordings"]["disc_pmma"]["object"]["kind"] == "pmma_disc"
+
+
+def test_nominal_settings_follow_current_and_speed():
+    nominal = {"tube_kvp": 100.0, "photons": 100.0, "tube_current_ma": 40.0, "mas": 10.0, "exposure_time_ms": 5.0}
+    (half, _), (slow, _) = (template_of(name, {"nominal": nominal}, SECTION) for name in ("half_current", "half_speed"))
+    assert half["nominal"] == nominal | {"photons": 50.0, "tube_current_ma": 20.0, "mas": 5.0}
+    assert slow["nominal"] == nominal | {"tube_current_ma": 20.0, "exposure_time_ms": 10.0}
 
 
 def test_explanations_are_compared_with_the_same_noise():
@@ -223,7 +248,7 @@ def test_explanations_are_compared_with_the_same_noise():
     prepared = {"disc": prepare_recording({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
     fitter = prepared["disc"].fitter
     fits = {name: {"disc": fitter.fit((name,))} for name in ("xray_crosstalk", "optical_crosstalk")}
-    some = [one for one in possible(prepared, SECTION) if one.name in ("same", "air")]
+    some = [one for one in possible(prepared) if one.name in ("same", "air")]
     found = rank(prepared, fits["xray_crosstalk"], [Ambiguity(fits)], some)
     for one in [found.now, *found.ranked]:
         assert one.least < 20, one
@@ -234,7 +259,7 @@ def test_unconstrained_parameters_are_not_the_target():
     prepared = {"disc": prepare_recording({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
     fitter = prepared["disc"].fitter
     fits = {"disc": fitter.fit(("xray_crosstalk",))}
-    some = [one for one in possible(prepared, SECTION) if one.name == "same"]
+    some = [one for one in possible(prepared) if one.name == "same"]
     far = {
         "disc": replace(
             fits["disc"], physics={"xray_crosstalk": fits["disc"].physics["xray_crosstalk"] | {"row": 0.15}}
@@ -250,7 +275,7 @@ def test_recordings_of_several_protocols_share_only_scanner_parameters():
     prepared = prepare_recording({"scatter": {"amount": 0.05, "width_mm": 60.0}})
     effects = ("scatter", "dark_signal")
     model, fit = prepared.fitter.model, prepared.fitter.fit(effects)
-    again = possible({"disc": prepared}, SECTION)[0]
+    again = possible({"disc": prepared})[0]
     conditions = conditions_of(prepared)
 
     def numbers(name, protocol=""):

@@ -63,7 +63,7 @@ def main(
             chosen, ambiguities = refit_jointly(prepared, named, effects, alike, protocols)
         first = next(iter(prepared))
         settings = to_mapping(models[first].settings)
-        found = rank(prepared, chosen, ambiguities, possible(prepared, settings), protocols)
+        found = rank(prepared, chosen, ambiguities, possible(prepared), protocols)
         rows = ranking_table(found)
         write_text(rows.to_csv(index=False), folder / "ranking.csv")
         write_text(similarity_table(alike).to_csv(index=False), folder / "alike.csv")

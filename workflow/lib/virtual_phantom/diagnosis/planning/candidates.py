@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -19,21 +19,15 @@ MAGNIFIED = 2.0  # largest factor by which the object moves towards source or de
 LEAST_MAGNIFIED = 1.2  # smallest factor that counts as another distance
 NEAREST = 0.95  # of the distance to the detector
 FEW_ROWS = 4  # fraction of the rows in a narrow beam is 1 / FEW_ROWS
-SAME = "same"
+OF_CURRENT = ("photons", "tube_current_ma", "mas", "dose_mgy")  # keys of `nominal` proportional to the tube current
 
 
-def candidate_measurements(geometry: OrbitGeometry, scene: Scene, own: Mapping) -> list[FurtherScan | DarkFrames]:
-    """Return the measurements that the geometry of a recording allows; the first is the same scan again.
-
-    Parameters
-    ----------
-    own : mapping
-        Section diagnosis.recordings.<name> of the configuration.
-    """
-    like = {key: own[key] for key in ("disc", "object") if key in own}
-    again = FurtherScan(SAME, "the same scan again", scene, geometry, section=like)
+def candidate_measurements(geometry: OrbitGeometry, scene: Scene) -> list[FurtherScan | DarkFrames]:
+    """Return the measurements that the geometry of a recording allows; the first is the same scan again."""
+    again = FurtherScan("same", "the same scan again", scene, geometry)
     found: list[FurtherScan | DarkFrames] = [again, *([] if geometry.parallel else _distances(again))]
-    found.append(replace(again, name="half_current", words="the same scan at half the tube current", photons=0.5))
+    words, nominal = "the same scan at half the tube current", dict.fromkeys(OF_CURRENT, 0.5)
+    found.append(replace(again, name="half_current", words=words, photons=0.5, nominal=nominal))
     if geometry.view_interval_ms is not None:
         found.append(_slower(again))
     if narrow := _narrow(again):
@@ -79,7 +73,8 @@ def _slower(again: FurtherScan) -> FurtherScan:
     if exposure is not None:
         scan["exposure_ms"] = exposure
     words = "the same scan at half the speed and half the tube current, as many photons in each view"
-    return replace(again, name="half_speed", words=words, geometry=slow, scan=scan)
+    nominal = {"tube_current_ma": 0.5, "exposure_time_ms": 2.0}
+    return replace(again, name="half_speed", words=words, geometry=slow, scan=scan, nominal=nominal)
 
 
 def _narrow(again: FurtherScan) -> FurtherScan | None:

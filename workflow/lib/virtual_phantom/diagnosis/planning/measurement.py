@@ -72,6 +72,8 @@ class FurtherScan:
         Standard deviations of the alignment, where they differ from the existing scan.
     scan : mapping
         Entries of section `scan` of recording.yaml that differ.
+    nominal : mapping of str to float
+        Factors of entries of section `nominal` of recording.yaml.
     section : mapping or None
         Section diagnosis.recordings.<name> of the configuration; None: as for the existing recording.
     """
@@ -83,6 +85,7 @@ class FurtherScan:
     photons: float = 1.0
     known: Mapping[str, float] = field(default_factory=dict)
     scan: Mapping = field(default_factory=dict)
+    nominal: Mapping[str, float] = field(default_factory=dict)
     section: Mapping | None = None
 
     def chain(self, like: Chain) -> Chain:
@@ -209,8 +212,9 @@ class DarkFrames:
 
     name: str
     words: str
-    section: Mapping | None = None
     scan: Mapping = field(default_factory=dict)
+    nominal: Mapping[str, float] = field(default_factory=dict)
+    section: Mapping | None = None
 
     def information(self, model: ScansModel, fit: Fit, *_, **__) -> MeasurementInformation:
         """Return the information about dark signal, its drift and electronic noise.

@@ -316,10 +316,10 @@ def order(ranked: RankedMeasurement) -> tuple[bool, float]:
     return ranked.least is not None and not settles(ranked), -ranked.gain
 
 
-def possible(prepared: Mapping[str, PreparedScans], section: Mapping) -> list[FurtherScan | DarkFrames]:
-    """Return the candidate measurements for the first recording; `section` is its entry in diagnosis.recordings."""
+def possible(prepared: Mapping[str, PreparedScans]) -> list[FurtherScan | DarkFrames]:
+    """Return the candidate measurements for the first recording."""
     chain = next(iter(prepared.values())).fitter.model.chain
-    return candidate_measurements(chain.geometry, chain.scene, section)
+    return candidate_measurements(chain.geometry, chain.scene)
 
 
 def found_in(diagnosis: Mapping) -> dict[str, list[str]]:

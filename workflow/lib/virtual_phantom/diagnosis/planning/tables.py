@@ -16,7 +16,6 @@ from .ranking import MeasurementRanking, Pair, RankedMeasurement, settles
 
 # Keys of the existing recording that stay
 KEPT = ("name", "kind", "phantom", "isocentre_mm", "scan", "corrected", "not_checked", "nominal")
-OF_CURRENT = ("photons", "tube_current_ma", "mas", "dose_mgy")  # keys of `nominal` proportional to the tube current
 SETTINGS = (
     "disc",
     "object",
@@ -95,9 +94,8 @@ def recording_template(name: str, ranked: RankedMeasurement, content: Mapping, s
     new = {key: copy.deepcopy(content[key]) for key in KEPT if key in content}
     new |= {"name": further, "repeats": [f"repeat_{number}.h5" for number in range(repeats)]}
     new["scan"] = {key: value for key, value in (new["scan"] | dict(made.scan)).items() if value is not None}
-    photons = getattr(made, "photons", 1.0)
     nominal = new.get("nominal", {})
-    new["nominal"] = {key: value * photons if key in OF_CURRENT else value for key, value in nominal.items()}
+    new["nominal"] = nominal | {key: nominal[key] * factor for key, factor in made.nominal.items() if key in nominal}
     section = dict(made.section or {}) or {key: settings[key] for key in SETTINGS if settings.get(key)}
     if "simulation" in section and made.scan:
         section["simulation"] = "the file of your simulation of this scan"
