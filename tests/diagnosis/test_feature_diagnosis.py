@@ -9,8 +9,8 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.features import selection
 from virtual_phantom.diagnosis.features.changes import property_tables, sampled
-from virtual_phantom.diagnosis.features.properties import calibration, folds
-from virtual_phantom.diagnosis.features.responses import responses
+from virtual_phantom.diagnosis.features.properties import calibration, folds, properties
+from virtual_phantom.diagnosis.features.responses import Curve, Responses, responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, misses, overlay
 from virtual_phantom.features import extraction
 from virtual_phantom.features.extraction import FEATURES
@@ -70,7 +70,7 @@ def tables(scene):
 
 def diagnosed(tables, recorded):
     data = responses(tables, recorded, FEATURES, GRID)
-    return data, diagnose_features("test", data, {}, MEAN).content
+    return data, diagnose_features("test", data, {}).content
 
 
 def test_equal_tables_are_a_match(scene, tables):
@@ -180,6 +180,28 @@ def test_random_offsets_are_unexplained(scene, tables, alike):
     _, found = diagnosed(tables, recorded)
     assert found["verdict"] == "unexplained", found["sentence"]
     assert found["effects"] == [] and found["excess_removed"] is None and found["next_measurement"]
+
+
+def test_calibration_of_recordings_without_compared_means_has_no_values():
+    rng, rois = np.random.default_rng(7), list(CLASSES)
+    features = [feature for feature in FEATURES if feature != MEAN][:30]
+    baseline = rng.normal(size=(REPEATS, len(rois), len(features)))
+    recorded = [rng.normal(5.0, 1.0, (REPEATS, len(features))) for _ in rois]
+    (calibrated,) = (one for one in properties() if one.name == "hu_calibration")
+    curve = Curve(np.array([0.0, 1.0]), np.stack([baseline, baseline + 5]))
+    fold = np.array([folds(CLASSES)[roi] for roi in rois])
+    data = Responses(rois, features, CLASSES, fold, recorded, baseline, {calibrated: {1: curve, 2: curve}})
+    found = diagnose_features("test", data, {}).content
+    (effect,) = found["effects"]
+    assert effect["name"] == "hu_calibration" and effect["parameters"] == {}
+    assert overlay(data, found) == {"physics": {}}
+
+
+def test_recording_without_means_is_refused_before_features_are_extracted(scene):
+    mean, masks = scene
+    recorded = pd.DataFrame({"roi": list(CLASSES), "tissue_class": list(CLASSES.values())})
+    with pytest.raises(InputError, match=f"recording: has no feature {MEAN}"):
+        next(property_tables(scans(mean), GRID, masks, folds(CLASSES), recorded))
 
 
 def test_folds_hold_every_class_that_has_two_regions():

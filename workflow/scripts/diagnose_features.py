@@ -9,7 +9,6 @@ from virtual_phantom.diagnosis.features.responses import compared, responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
 from virtual_phantom.diagnosis.result_files import DiagnosisFiles, write_diagnosis
 from virtual_phantom.diagnosis.verdict_text import console_text
-from virtual_phantom.features import names as feature_names
 from virtual_phantom.features.settings import read_extraction
 from virtual_phantom.io.files import read_csv
 from virtual_phantom.io.volumes import read_nifti
@@ -34,7 +33,7 @@ def main(
     table, extraction = read_csv(changed_features_file), read_extraction(parameter_file)
     features, not_compared = compared(table, rows, dimensions, stored_offset_hu, extraction)
     data = responses(table, rows, features, read_nifti(image_file).grid, settings.rois)
-    found = diagnose_features(name, data, not_compared, feature_names.MEAN, settings.margin_sd)
+    found = diagnose_features(name, data, not_compared, settings.margin_sd)
     write_diagnosis(
         output, found.content, overlay(data, found.content), feature_diagnosis_page(found), found.before.maps
     )

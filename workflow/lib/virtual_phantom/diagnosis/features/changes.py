@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...base.units import HU_AIR
 from ...features import variants
@@ -60,7 +61,14 @@ def property_tables(
     DataFrame
         One table per strength. Columns: property, strength, fold (EVERY_FOLD, or the fold to which a calibration was
         fitted), and the columns of extraction.extract. Rows: repeats in order, each with all ROIs.
+
+    Raises
+    ------
+    InputError
+        If the recording has no mean HU.
     """
+    if MEAN not in recorded:
+        raise InputError(f"recording: has no feature {MEAN}, which the HU calibration needs; add it to the table")
 
     def table(name, strength, fold, changed, on=grid, within=masks):
         found = extract_repeats(changed, on, within, name, parameters)

@@ -10,7 +10,7 @@ from scipy import stats
 
 from ...base.names import label
 from ...base.streams import generator
-from ...features.names import EVERY_FAMILY, family
+from ...features.names import EVERY_FAMILY, MEAN, family
 from ...statistics.comparison import MARGIN_SD
 from ..verdict_text import feature_lines, verdict_of, with_verdict_text
 from .properties import FOLDS, Property, calibration
@@ -43,7 +43,7 @@ class FeatureDiagnosis:
 
 
 def diagnose_features(
-    name: str, data: Responses, not_compared: Mapping[str, str], mean: str, margin_sd: float = MARGIN_SD
+    name: str, data: Responses, not_compared: Mapping[str, str], margin_sd: float = MARGIN_SD
 ) -> FeatureDiagnosis:
     """Find the image property that explains the difference of features.
 
@@ -51,8 +51,6 @@ def diagnose_features(
     ----------
     not_compared : mapping of str to str
         {feature: reason}.
-    mean : str
-        Feature with the mean HU of an ROI, for the HU calibration.
     margin_sd : float, optional
         Largest difference of means that counts as agreement, in SDs over repeats of the recording.
     """
@@ -66,7 +64,7 @@ def diagnose_features(
     effect = {
         "name": best.name,
         "physics": best.physics,
-        "parameters": _parameters(data, best, mean) if chosen else {},
+        "parameters": _parameters(data, best) if chosen else {},
         "evidence": {"held_out_gain": trial.held_out, "p": trial.p},
     }
     content = {
@@ -102,12 +100,12 @@ def diagnose_features(
 
 
 def overlay(data: Responses, content: dict) -> dict:
-    """Return the effect as a configuration of the study; empty if the property is no effect."""
+    """Return the effect as a configuration of the study; empty if the property is no effect or has no values."""
     known = {tested.name for tested in data.curves if tested.is_effect}
     physics = {
         effect["name"]: {key: parameter["value"] for key, parameter in effect["parameters"].items()}
         for effect in content["effects"]
-        if effect["name"] in known
+        if effect["name"] in known and effect["parameters"]
     }
     return {"physics": physics, "noise": {"model": "physical"}} if physics else {"physics": {}}
 
@@ -162,20 +160,23 @@ def _content(location: FeatureLocation) -> dict:
     }
 
 
-def _parameters(data: Responses, chosen: Property, mean: str) -> dict:
-    """Return strengths fitted on all regions, with 95 % bootstrap intervals over regions and repeats."""
-    rng = generator(0)
-    draws = [_draw(data, rng) for _ in range(RESAMPLES)]
+def _parameters(data: Responses, chosen: Property) -> dict:
+    """Return strengths fitted on all regions, with 95 % bootstrap intervals over regions and repeats.
+
+    The result is empty without a strength, and for a HU calibration of recordings whose mean HU are not compared.
+    """
     tried: dict[str, list[float]] = {}
-    everything = np.arange(len(data.rois)), None, None
-    if chosen.name == "hu_calibration":
-        units, fit = {"scale": "1", "offset_hu": "HU"}, _calibrated(data, mean)
+    if chosen.name == "hu_calibration" and MEAN in data.features:
+        units, fit = {"scale": "1", "offset_hu": "HU"}, _calibrated(data)
     elif chosen.parameter is not None:
         units, fit = dict([chosen.parameter]), _strength(data, chosen)
         tried[chosen.parameter[0]] = data.curves[chosen][FOLDS[0]].strengths[[0, -1]].tolist()
     else:
         return {}
-    value, spread = fit(*everything), [fit(*draw) for draw in draws]
+    # ROIs, simulated repeats, and recorded repeats of each ROI.
+    rng, counts = generator(0), [len(data.rois), len(data.baseline), *map(len, data.recorded)]
+    value = fit(*map(np.arange, counts))
+    spread = [fit(*(rng.integers(count, size=count) for count in counts)) for _ in range(RESAMPLES)]
     return {
         key: {
             "value": value[key],
@@ -187,35 +188,26 @@ def _parameters(data: Responses, chosen: Property, mean: str) -> dict:
     }
 
 
-def _draw(data: Responses, rng):
-    """Draw ROIs, simulated repeats and recorded repeats by ROI, with replacement."""
-    rois = rng.integers(len(data.rois), size=len(data.rois))
-    simulated = rng.integers(len(data.baseline), size=len(data.baseline))
-    return rois, simulated, [rng.integers(len(repeats), size=len(repeats)) for repeats in data.recorded]
+def _calibrated(data: Responses):
+    """Return the HU calibration as a function of the indices of ROIs, simulated and recorded repeats."""
+    column = data.features.index(MEAN)
 
-
-def _calibrated(data: Responses, mean: str):
-    column = data.features.index(mean)
-
-    def fit(rois, simulated, recorded):
-        simulated_hu = data.baseline[slice(None) if simulated is None else simulated][..., column].mean(axis=0)
-        chosen = data.recorded if recorded is None else [data.recorded[k][rows] for k, rows in enumerate(recorded)]
-        recorded_hu = np.array([repeats[:, column].mean() for repeats in chosen])
-        return calibration(simulated_hu[rois], recorded_hu[rois])
+    def fit(rois, simulated, *recorded):
+        pairs = zip(data.recorded, recorded, strict=True)
+        recorded_hu = np.array([repeats[rows, column].mean() for repeats, rows in pairs])
+        return calibration(data.baseline[simulated][..., column].mean(axis=0)[rois], recorded_hu[rois])
 
     return fit
 
 
 def _strength(data: Responses, chosen: Property):
+    """Return the strength that removes most, as a function of the indices of ROIs, simulated and recorded repeats."""
     curve = finer(chosen, data.curves[chosen][FOLDS[0]])  # a property with a strength is the same in all folds
-    shifts = [shift(data, curve.values), shift(data, data.baseline)]
 
-    def fit(rois, simulated, recorded):
-        after, before = shifts
-        if simulated is not None:
-            center = np.stack([data.recorded[k][rows].mean(axis=0) for k, rows in enumerate(recorded)])
-            after = (curve.values[:, simulated].mean(axis=1) - center) / data.unit
-            before = (data.baseline[simulated].mean(axis=0) - center) / data.unit
+    def fit(rois, simulated, *recorded):
+        center = np.stack([repeats[rows].mean(axis=0) for repeats, rows in zip(data.recorded, recorded, strict=True)])
+        after = (curve.values[:, simulated].mean(axis=1) - center) / data.unit
+        before = (data.baseline[simulated].mean(axis=0) - center) / data.unit
         gains = removed(before[rois], after[:, rois], data.floor[rois]).sum(axis=(1, 2))
         return {chosen.parameter[0]: float(curve.strengths[np.argmax(gains)])}
 
