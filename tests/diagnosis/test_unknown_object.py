@@ -5,6 +5,7 @@ import pytest
 
 import virtual_phantom as vp
 from virtual_phantom.base.data import SCHEMAS
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.setup.descriptions import descriptions
 from virtual_phantom.diagnosis.setup.mismatch import Comparison
@@ -74,6 +75,13 @@ def test_known_object_without_a_scale(tmp_path, monkeypatch):
     assert any("state the pixel size" in line for line in content["caveats"])
     (offset,) = content["effects"]
     assert offset["parameters"]["columns_px"]["value"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_data_without_signal_are_refused_before_the_setup_is_checked(tmp_path):
+    np.save(tmp_path / "empty.npy", np.zeros((30, COLUMNS)))
+    import_projections(tmp_path / "empty.npy", tmp_path / "empty", log=True, angles="0,12", **FAN)
+    with pytest.raises(InputError, match="100 % of the rays have no signal"):
+        vp.diagnose(tmp_path / "empty", disc=(100.0, "pmma"))
 
 
 def test_small_scanner_is_accepted_by_the_check_of_the_setup(tmp_path):

@@ -17,6 +17,7 @@ from ...recordings.projections import ProjectionsRecording
 from ...recordings.recording import Recording
 from ..assumptions import object_text, scan_text
 from ..fitting.nuisance import PLACE, PRIOR_BOUND_SD, nuisances
+from ..projections.lost_rays import check_scans
 from ..projections.observed import Scans, scans
 from ..projections.own_simulation import scene_of_scan
 from ..request import DiagnosisRequest
@@ -41,7 +42,13 @@ NOT_CHECKED = {
 
 
 def check_setup(recording: Recording, request: DiagnosisRequest) -> SetupResult | None:
-    """Compare a recording with its description; None if the check is switched off or not possible."""
+    """Compare a recording with its description; None if the check is switched off or not possible.
+
+    Raises
+    ------
+    InputError
+        For projections with too few views, or too few rays with a signal.
+    """
     if not request.settings.check_setup:
         return None
     if isinstance(recording, ProjectionsRecording):
@@ -63,6 +70,7 @@ def _check_images(recording: ImagesRecording, request: DiagnosisRequest) -> Setu
 
 def _check_projections(recording: ProjectionsRecording, request: DiagnosisRequest) -> SetupResult:
     taken = scans(recording.repeats)
+    check_scans(taken, str(recording.document.path))
     known = {number.name: number.sd for number in nuisances(0.0, 1.0, request.alignment(recording.nominal))}
     reach = {name: PRIOR_BOUND_SD * known[name] for name in (*PLACE, "scale")}
     location, unchecked = request.settings.location, recording.document.content.get("not_checked", ())
