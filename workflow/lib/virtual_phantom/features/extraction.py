@@ -76,8 +76,8 @@ def extract(
     Raises
     ------
     InputError
-        If a mask is on another grid or has fewer than 2 voxels, if a voxel of the image is not finite, if filters or
-        normalization need more than boxes, or if pyradiomics fails with the parameter file.
+        If a mask is on another grid or has fewer than 2 voxels, if a voxel of the image is not finite, or if
+        pyradiomics fails with the parameter file. If filters or normalization need whole images.
     TypeError
         If a mask is not boolean.
     """
