@@ -17,7 +17,7 @@ from benchmarks.common import child_seconds
 from virtual_phantom.base.geometry import Grid, ScanGeometry, circular, helical
 from virtual_phantom.projectors.cpu import CpuProjector
 
-# The default study's grid and detector, on a circle.
+# Grid and detector of the paper's groups (config/paper_groups.yaml), on a circle.
 GRID = Grid((48, 128, 128), (2.0, 2.35, 2.35))
 SCANNER = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0)
 DETECTOR = dict(columns=160, rows=48, column_pitch_mm=4.0, row_pitch_mm=4.0)
@@ -41,7 +41,7 @@ def geometry(views: int = VIEWS) -> ScanGeometry:
 
 
 def helix() -> ScanGeometry:
-    """Helix with the default study's rotations; rays leave the ends of the grid."""
+    """Helix with the rotations of the paper's groups; rays leave the ends of the grid."""
     return helical(views=3 * VIEWS, volume_height_mm=GRID.extent_mm[0], **DETECTOR, **SCANNER)
 
 

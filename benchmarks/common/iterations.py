@@ -1,7 +1,7 @@
 """Time of 500 SIRT iterations: Virtual Phantom (Chebyshev and plain), RTK (SART, one subset) and ASTRA (2D); memory.
 
-The grid has half of the default study's size in each direction, with half of the pixels and 75 views. The times of RTK
-and ASTRA are extrapolated from a few iterations, ASTRA's from one slice.
+The grid has half the size of the paper's groups (config/paper_groups.yaml) in each direction, with half of the pixels
+and 75 views. The times of RTK and ASTRA are extrapolated from a few iterations, ASTRA's from one slice.
 """
 
 from multiprocessing import get_context

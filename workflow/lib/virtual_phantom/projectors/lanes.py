@@ -3,7 +3,7 @@
 A lane is one noise realization. Lanes are the last, contiguous axis of every array. The number of lanes is passed as
 the length of a tuple, which Numba treats as a compile-time constant, so that LLVM can keep all lanes in vector
 registers. LLVM cannot prove that input and output do not overlap, which slows down plain loops. A SIRT job of the
-default study (10 lanes, 150 views) took 16.4 s of CPU time with plain loops under `fastmath` and 3.9 s with these
+paper's groups (10 lanes, 150 views) took 16.4 s of CPU time with plain loops under `fastmath` and 3.9 s with these
 intrinsics. These are medians of 5 runs on an AMD EPYC with AVX-512. Plain loops also changed the last bits of images.
 """
 

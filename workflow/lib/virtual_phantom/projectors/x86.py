@@ -10,7 +10,7 @@ CPU time with this module and with these loops (AMD EPYC, AVX-512):
 * benchmarks/diagnosis_time.py with all 32 candidates: 76 and 123 s (one run each; the second included compilation)
 * the same with 17 candidates: 16.8 and 20.8 s (two runs each)
 
-SIRT of the default study (many lanes) does not use this module. The loops also round some results differently.
+SIRT of many lanes does not use this module. The loops also round some results differently.
 """
 
 import numpy as np
