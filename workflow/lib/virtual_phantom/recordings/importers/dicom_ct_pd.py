@@ -51,10 +51,10 @@ SAME = {
     (0x0018, 0x0060): "tube voltage",
     (0x0018, 0x1150): "rotation time",
 }
+# Elements of DICOM: rescaling of pixels, and field of view.
 SLOPE, INTERCEPT, FIELD = (0x0028, 0x1053), (0x0028, 0x1052), (0x0018, 0x0090)
-# Elements that must be above 0, and numbers of values: one by default, any for PHOTONS.
+# Elements that must be above 0.
 POSITIVE = {pd.ROWS, pd.COLUMNS, pd.WIDTH, pd.HEIGHT, pd.FOCAL_RADIUS, pd.DISTANCE, pd.VIEWS_PER_TURN, SLOPE}
-COUNTS = {pd.CENTRAL: 2}
 OPTIONAL = {(0x0018, 0x0060), (0x0018, 0x1150), (0x0020, 0x000E), pd.SOURCES, *pd.CORRECTIONS.values()}
 STEP_TOLERANCE = 0.25  # share of the step between views; larger deviations mean missing or foreign views
 POSITION_TOLERANCE_MM = 0.02  # rounding of focal spot positions, and of heights of a helix
@@ -200,7 +200,7 @@ def _value(view: View, tag: tuple[int, int]):
 
 
 def _check_numbers(path: Path, tag: tuple[int, int], value) -> None:
-    values, count = value if isinstance(value, tuple) else (value,), COUNTS.get(tag, 1)
+    values, count = value if isinstance(value, tuple) else (value,), 2 if tag == pd.CENTRAL else 1
     if len(values) != count or not all(map(math.isfinite, values)) or (tag in POSITIVE and min(values) <= 0):
         kind = "a number above 0" if tag in POSITIVE else "a finite number" if count == 1 else f"{count} finite numbers"
         shown = ", ".join(f"{number:g}" for number in values)
