@@ -225,7 +225,7 @@ def test_air_outside_of_boxes_does_not_change_resampled_features(tmp_path):
 @pytest.mark.parametrize("content", [FILTERED, PREPARED], ids=["filters", "normalization"])
 def test_boxes_are_rejected_where_features_need_whole_images(tmp_path, content):
     parameters = read_parameters(written(tmp_path, content))
-    with pytest.raises(InputError, match=r"i: filters and normalization \(.*\) need whole images.*remove `voxels`"):
+    with pytest.raises(InputError, match=r"i: filters and normalization \(.*\) need whole images.*or `voxels`"):
         extraction.extract(*spot(), "i", parameters, boxed=True)
 
 

@@ -31,11 +31,11 @@ def raising(error):
         (MemoryError(), "Error: not enough memory (no more is available)"),
         (
             OSError(errno.ENOSPC, "No space left on device"),
-            "Error: a file: No space left on device; check the permissions, the disk and its quota, and run again",
+            "Error: No space left on device; free some space and run again",
         ),
         (
             PermissionError(errno.EACCES, "Permission denied", "ct/a.dcm"),
-            "Error: ct/a.dcm: Permission denied; check the permissions, the disk and its quota, and run again",
+            "Error: ct/a.dcm: Permission denied; change its permissions, or use another file or folder",
         ),
         (
             IndexError("tuple index\nout of range"),

@@ -200,7 +200,7 @@ def test_calibration_of_recordings_without_compared_means_has_no_values():
 def test_recording_without_means_is_refused_before_features_are_extracted(scene):
     mean, masks = scene
     recorded = pd.DataFrame({"roi": list(CLASSES), "tissue_class": list(CLASSES.values())})
-    with pytest.raises(InputError, match=f"recording: has no feature {MEAN}"):
+    with pytest.raises(InputError, match=f"recorded features: lack {MEAN}"):
         next(property_tables(scans(mean), GRID, masks, folds(CLASSES), recorded))
 
 

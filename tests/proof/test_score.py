@@ -95,7 +95,7 @@ def test_unnamed_difference_is_not_exact_without_a_hidden_effect():
     assert not judged(blank, diagnosis("a", "unexplained")).exact and judged(blank, diagnosis("a", "match")).exact
 
 
-def test_scan_that_is_taken_for_wrongly_described_counts_against_the_diagnosis():
+def test_reported_setup_error_counts_against_the_diagnosis():
     """Nothing is fitted to it. With nothing hidden it is a false alarm, otherwise a miss."""
     found = {}
     for category, effects in (("single", {"heel": {}}), ("none", {}), ("unknown", {"!periodic_motion": {}})):
@@ -104,7 +104,7 @@ def test_scan_that_is_taken_for_wrongly_described_counts_against_the_diagnosis()
         hidden_truth = truth("case_01", category, effects, "weak" if category == "single" else None)
         found[category] = score([judged(hidden_truth, said)])
         assert found[category]["cases"][0]["right"] is False
-        assert "description" in found[category]["cases"][0]["why_missed"][0]
+        assert "set-up error" in found[category]["cases"][0]["why_missed"][0]
     assert counted(found["none"]["accuracy"]["false_alarms"]) == (1, 1)
     assert counted(found["single"]["accuracy"]["first"]["all"]) == (0, 1)
     assert counted(found["unknown"]["accuracy"]["unknown"]) == (0, 1)

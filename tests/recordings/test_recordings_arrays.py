@@ -180,17 +180,24 @@ def test_angles_and_fields_of_other_writers(tmp_path):
     np.save(tmp_path / "ct.npy", counts()[:, 0])
     angles, flat = 30.0 * np.arange(VIEWS), np.full(COLUMNS, WHITE)
     savemat(tmp_path / "angles.mat", {"theta": angles})
-    savemat(tmp_path / "flat.mat", {"flat": flat})
+    savemat(tmp_path / "flat.mat", {"flat": flat[:, None]})
     np.savetxt(tmp_path / "angles", angles)
     with h5py.File(tmp_path / "scan.h5", "w") as file:
         file["exchange/data"], file["exchange/data_white"] = counts()[:, :1], flat[None, None]
         file["exchange/theta"] = np.radians(angles)
         file["exchange/theta"].attrs["units"] = "radians"
-    for listed, field in (("angles.mat", "flat.mat"), ("angles", "scan.h5"), ("scan.h5", "scan.h5")):
+    with h5py.File(tmp_path / "fields.h5", "w") as file:
+        file["exchange/data_white"], file["exchange/data_dark"] = flat[None, None], 0 * flat[None, None]
+    for listed, field in (("angles.mat", "flat.mat"), ("angles", "scan.h5"), ("scan.h5", "fields.h5")):
         options = FAN | {"angles": str(tmp_path / listed), "flat": str(tmp_path / field)}
         recording = import_projections(tmp_path / "ct.npy", tmp_path / f"{listed[:4]}{field[:4]}", **options)
         np.testing.assert_allclose(np.degrees(recording.geometry.angles_rad), angles, atol=1e-9)
         assert (recording.repeats[0].white == WHITE).all()
+    options |= {"dark": str(tmp_path / "scan.h5")}
+    with pytest.raises(InputError, match=r"scan\.h5: has no dark field; give a file with dark frames"):
+        import_projections(tmp_path / "ct.npy", tmp_path / "other", **options)
+    with pytest.raises(InputError, match=r"fields\.h5: has no projections"):
+        import_projections(tmp_path / "fields.h5", tmp_path / "other", **FAN)
 
 
 XTEKCT = """[XTekCT]
@@ -320,7 +327,7 @@ MISTAKES = {
     "--bin 41: use 1 to 40": {"log": True, "bin": 41},
     "--bin 4: use 1 to 3, the number of detector rows": {"log": True, "bin": 4},
     "words.npy: holds values of type <U1; give an array of numbers": {"flat": "words.npy"},
-    "two.npz: has 2 arrays (a and b); write the one that you mean to a file of its own": {"flat": "two.npz"},
+    "two.npz: has 2 arrays (a and b); name one with --dataset (write fields and angles": {"flat": "two.npz"},
     "words.npy: holds values of type <U1;": {"log": True, "angles": "words.npy"},
     "none.npz: has no array of numbers; it has none; give": {"log": True, "angles": "none.npz"},
     "utf16.txt: is not text in UTF-8 (perhaps in UTF-16)": {"log": True, "angles": "utf16.txt"},
@@ -410,11 +417,12 @@ def test_folder_with_other_images_is_rejected(tmp_path, extra):
 @pytest.mark.parametrize(
     "names, message",
     [
-        (["0.5", "0.25", "0.75"], "such as view_0.5.tif and view_0.25.tif, so that their order is not clear; number"),
+        (["0.5", "0.25", "0.75"], "such as view_0.5.tif and view_0.75.tif, so that their order is not clear; number"),
         (["1", "2", "02"], "view_2.tif: has the same number as view_02.tif; keep only one image of each view"),
         (["1", "2", "2.png"], "view_2.tif: has the same number as view_2.png; keep only one image of each view"),
         (["0.50", "0.75", "1.00"], None),
         (["1.2.9", "1.2.10", "1.2.11"], None),
+        (["1.8", "1.9", "1.10"], None),
     ],
 )
 def test_images_whose_order_is_not_clear_are_rejected(names, message, tmp_path):

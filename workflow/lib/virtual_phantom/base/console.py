@@ -18,9 +18,14 @@ DEBUG = "--debug"
 NOTES = logging.getLogger("virtual_phantom.notes")
 PROGRESS_SECONDS = 5  # shorter work is not reported
 # Errors of the system that are not faults of a program: access, disks that are full or fail, and limits.
-SYSTEM_ERRORS = frozenset(
-    (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ESTALE)
-) | {errno.ENAMETOOLONG, errno.EMFILE}
+SYSTEM_ERRORS = {
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "change its permissions, or use another file or folder"),
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free some space and run again"),
+    **dict.fromkeys((errno.EIO, errno.ESTALE), "check the disk and run again"),
+    errno.EROFS: "use another folder",
+    errno.EMFILE: "raise the limit of open files (ulimit -n)",
+    errno.ENAMETOOLONG: "give shorter names",
+}
 INTERRUPTED = 130  # exit code of a program that Ctrl-C stopped, by the shell's convention (128 + SIGINT)
 
 
@@ -145,8 +150,8 @@ def unexpected(error: BaseException, beside: str = f"what the same command print
     if isinstance(error, UnicodeEncodeError):
         return _unencodable(error)
     if isinstance(error, OSError) and error.errno in SYSTEM_ERRORS:
-        where = "a file" if error.filename is None else InputError(error.filename)
-        return f"{where}: {error.strerror}; check the permissions, the disk and its quota, and run again"
+        where = "" if error.filename is None else f"{InputError(error.filename)}: "
+        return f"{where}{error.strerror}; {SYSTEM_ERRORS[error.errno]}"
     reason = str(InputError(" ".join(str(error).split())))
     what = f"unexpected {type(error).__name__}" + (f": {reason}" if reason else "")
     return f"{what}; this is a fault of Virtual Phantom: report it with {beside}"

@@ -77,7 +77,7 @@ def extract(
     ------
     InputError
         If a mask is on another grid or has fewer than 2 voxels, if a voxel of the image is not finite, or if
-        pyradiomics fails with the parameter file. If filters or normalization need whole images.
+        pyradiomics fails with the parameter file. Also if `boxed` and features need whole images.
     TypeError
         If a mask is not boolean.
     """
@@ -85,7 +85,7 @@ def extract(
         bad = np.count_nonzero(~np.isfinite(volume.array))
         raise InputError(f"{name}: {bad} voxels are NaN or infinite; repair the image before extracting features")
     if boxed and parameters.needs_whole_images:
-        raise InputError(f"{name}: {whole_images_needed(parameters)}; remove `voxels` of the protocol")
+        raise InputError(f"{name}: {whole_images_needed(parameters)}; remove them, or `voxels` of the protocol")
     rows = []
     for roi, mask in masks.items():
         mask = np.asarray(mask)

@@ -68,7 +68,7 @@ def property_tables(
         If the recording has no mean HU.
     """
     if MEAN not in recorded:
-        raise InputError(f"recording: has no feature {MEAN}, which the HU calibration needs; add it to the table")
+        raise InputError(f"recorded features: lack {MEAN}, which the HU calibration needs; add it to the table")
 
     def table(name, strength, fold, changed, on=grid, within=masks):
         found = extract_repeats(changed, on, within, name, parameters)

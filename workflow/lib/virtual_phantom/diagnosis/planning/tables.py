@@ -24,6 +24,9 @@ SETTINGS = (
     "object_exact",
     "object_uncertainty",
     "alignment",
+    "location",
+    "object_may_differ",
+    "baseline",
     "samples",
     "view_step",
 )  # of the diagnosis of the existing recording

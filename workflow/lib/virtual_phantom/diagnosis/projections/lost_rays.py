@@ -37,9 +37,10 @@ def check_scans(taken: Scans, source: str) -> None:
         raise InputError(f"{source}: {views} views are too few for a diagnosis; it needs {LEAST_VIEWS}")
     lost = 1 - taken.usable.mean()
     if lost > MOST_LOST:
+        compared = "the file holds line integrals" if taken.white is None else "the white field is"
         raise InputError(
             f"{source}: {100 * lost:.0f} % of the rays have no signal (under {LEAST_TRANSMISSION:g} of air) or "
-            "saturate the detector; check that the white field is from this scan and the object not opaque"
+            f"saturate the detector; check that {compared} from this scan and the object not opaque"
         )
 
 

@@ -70,7 +70,7 @@ def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndar
     Raises
     ------
     InputError
-        Naming the ROI, if one is not, or is empty.
+        Naming the ROI, if one is not, or if one is empty.
 
     References
     ----------

@@ -14,7 +14,7 @@ def why(case: Case) -> list[str]:
     if case.right:
         return []
     if case.diagnosis["verdict"] in SETUP_VERDICTS.values():
-        return ["The description of the scan or the object was taken for wrong, so that no effect was fitted."]
+        return ["The diagnosis reported a scan set-up error or another object, so that no effect was fitted."]
     if case.category == "none":
         worst = case.diagnosis["locations"][0]
         return [

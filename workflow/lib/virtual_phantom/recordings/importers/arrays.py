@@ -38,8 +38,8 @@ class Frames:
 
     Attributes
     ----------
-    data : ndarray
-        Axes as stored.
+    data : ndarray or None
+        Axes as stored. None: the file has fields alone.
     flat, dark : ndarray or None
         Frames without an object and without X-rays.
     angles_deg : ndarray, shape (views,), or None
@@ -47,19 +47,14 @@ class Frames:
         Whether the file says that its values are line integrals.
     """
 
-    data: np.ndarray
+    data: np.ndarray | None
     flat: np.ndarray | None = None
     dark: np.ndarray | None = None
     angles_deg: np.ndarray | None = None
     log: bool = False
 
 
-def read_frames(
-    source: str | Path,
-    dataset: str | None = None,
-    others: Collection[str | Path] = (),
-    several: str = "name one with --dataset",
-) -> Frames:
+def read_frames(source: str | Path, dataset: str | None = None, others: Collection[str | Path] = ()) -> Frames:
     """Read the frames of a file, or of a folder with one image per view.
 
     Parameters
@@ -68,17 +63,15 @@ def read_frames(
         Variable of a MATLAB or .npz file, or path in an HDF5 file. Default: the only array, or the largest one in HDF5.
     others : collection of str or Path, optional
         Files in the folder that are not views, such as the flat field.
-    several : str, optional
-        Advice for a file with several arrays.
 
     Raises
     ------
     InputError
         If the file is missing, damaged or of an unknown format, has several arrays or color images, or if the images
-        of a folder are not of one series. If there are no named arrays, but `dataset` is given. If an array does not
-        contain numbers.
+        of a folder are not of one series. Also if an array does not contain numbers, or `dataset` is given for a file
+        without named arrays.
     """
-    frames = _read(source, dataset, others, several)
+    frames = _read(source, dataset, others)
     for array in (frames.data, frames.flat, frames.dark):
         if array is not None:
             _check_numbers(array, source)
@@ -91,7 +84,7 @@ def _check_numbers(array: object, source: str | Path) -> None:
         raise InputError(f"{source}: holds values of type {kind}; give an array of numbers")
 
 
-def _read(source: str | Path, dataset: str | None, others: Collection[str | Path], several: str) -> Frames:
+def _read(source: str | Path, dataset: str | None, others: Collection[str | Path]) -> Frames:
     if not str(source):
         raise InputError("the path of an array is empty; give a file or folder (a shell variable may be unset)")
     path = Path(source)
@@ -109,11 +102,11 @@ def _read(source: str | Path, dataset: str | None, others: Collection[str | Path
             return Frames(np.load(path, allow_pickle=False))
     if suffix == ".npz":
         with reading(path, "NumPy archive"), np.load(path, allow_pickle=False) as file:
-            return Frames(_chosen(path, {name: file[name] for name in file.files}, dataset, several))
+            return Frames(_chosen(path, {name: file[name] for name in file.files}, dataset))
     if suffix == ".mat":
-        return Frames(_matlab(path, dataset, several))
+        return Frames(_matlab(path, dataset))
     if suffix in HDF5:
-        return _hdf5(path, dataset, several)
+        return _hdf5(path, dataset)
     raise InputError(
         f"{path}: has an unknown format; convert it to one of {' '.join(FORMATS)}, or give a folder of images"
     )
@@ -174,7 +167,8 @@ def _check_names(files: Sequence[Path]) -> None:
     ------
     InputError
         If a name differs otherwise, or two have the same numbers, as exports in two formats have. Also for decimals
-        with different numbers of digits, whose order is not clear: 1.10 may follow 1.9, or precede it.
+        with different numbers of digits, such as 0.25 and 0.5, whose order is not clear. A final zero shows that the
+        digits after the point are a counter: 1.10 follows 1.9.
     """
     patterns = Counter(re.sub("[0-9]+", "#", path.stem) for path in files)
     usual = patterns.most_common(1)[0][0]
@@ -191,12 +185,13 @@ def _check_names(files: Sequence[Path]) -> None:
             )
     decimals = [re.findall(r"(?<![0-9.])[0-9]+\.([0-9]+)(?!\.?[0-9])", path.stem) for path in files]
     for place in zip(*decimals, strict=True):
-        if len({*map(len, place)}) > 1 and len({*map(int, place)}) > 1:
+        counted = any(len(digits) > 1 and digits.endswith("0") for digits in place)
+        if len({*map(len, place)}) > 1 and len({*map(int, place)}) > 1 and not counted:
+            short, *_, long = sorted(zip(map(len, place), files, strict=True))
             raise InputError(
                 f"{files[0].parent}: names of images have decimal numbers with different numbers of digits, such as "
-                f"{files[int(np.argmin([*map(len, place)]))].name} and "
-                f"{files[int(np.argmax([*map(len, place)]))].name}, so that their order is not clear; number the "
-                "images 0001, 0002, ..."
+                f"{short[1].name} and {long[1].name}, so that their order is not clear; number the images 0001, 0002, "
+                "..."
             )
     numbers = np.array([_number_key(path)[1::2] for path in files], float)
     varying = numbers[:, np.ptp(numbers, axis=0) > 0] if numbers.size else numbers
@@ -207,28 +202,26 @@ def _check_names(files: Sequence[Path]) -> None:
             note(f"{before}: the next image is {after.name}; if a view is missing between, list the angles in a file")
 
 
-def _matlab(path: Path, dataset: str | None, several: str) -> np.ndarray:
+def _matlab(path: Path, dataset: str | None) -> np.ndarray:
     if h5py.is_hdf5(path):  # version 7.3, whose arrays HDF5 shows with reversed axes
         with reading(path, "MATLAB 7.3"), h5py.File(path, "r") as file:
             arrays = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
-            return np.asarray(_chosen(path, arrays, dataset, several)[...]).T
+            return np.asarray(_chosen(path, arrays, dataset)[...]).T
     with reading(path, "MATLAB"):
         listed = whosmat(path)
         shapes = {name: shape for name, shape, kind in listed if kind in MATLAB_NUMBERS}
-        name = _chosen_name(path, [name for name, _, _ in listed], shapes, dataset, several)
+        name = _chosen_name(path, [name for name, _, _ in listed], shapes, dataset)
         return loadmat(path, variable_names=[name])[name]
 
 
-def _chosen(path: Path, arrays: Mapping, dataset: str | None, several: str):
-    """Return an array by name, or the only array of numbers (`_chosen_name`)."""
+def _chosen(path: Path, arrays: Mapping, dataset: str | None):
+    """Return an array by its name (`_chosen_name`)."""
     shapes = {name: value.shape for name, value in arrays.items() if _numeric(value)}
-    return arrays[_chosen_name(path, list(arrays), shapes, dataset, several)]
+    return arrays[_chosen_name(path, list(arrays), shapes, dataset)]
 
 
-def _chosen_name(
-    path: Path, names: Sequence[str], shapes: Mapping[str, tuple[int, ...]], dataset: str | None, several: str
-) -> str:
-    # By default the only array of numbers with at least two dimensions, or the only list of numbers.
+def _chosen_name(path: Path, names: Sequence[str], shapes: Mapping[str, tuple[int, ...]], dataset: str | None) -> str:
+    """Return the given name, or that of the only array with at least two dimensions, or of the only list."""
     if dataset is not None:
         if dataset not in names:
             raise InputError(f"{path}: has no dataset {dataset}; it has {_listed(names)}")
@@ -240,7 +233,10 @@ def _chosen_name(
             f"{path}: has no array of numbers; it has {_listed(names)}; give the file with the measured data"
         )
     if len(suitable) > 1:
-        raise InputError(f"{path}: has {len(suitable)} arrays ({_listed(suitable)}); {several}")
+        raise InputError(
+            f"{path}: has {len(suitable)} arrays ({_listed(suitable)}); name one with --dataset (write fields and "
+            "angles to files of their own)"
+        )
     return suitable[0]
 
 
@@ -252,26 +248,28 @@ def _listed(names: Sequence[str]) -> str:
     return enumerated([*names[:MOST_NAMES], *["others"] * (len(names) > MOST_NAMES)]) or "none"
 
 
-def _hdf5(path: Path, dataset: str | None, several: str) -> Frames:
+def _hdf5(path: Path, dataset: str | None) -> Frames:
     with reading(path, "HDF5"), h5py.File(path, "r") as file:
         found: dict[str, h5py.Dataset] = {}
         file.visititems(lambda name, item: found.update({name: item} if isinstance(item, h5py.Dataset) else {}))
         if dataset is not None:
             chosen = file.get(dataset.strip("/") or "/")  # also a link, which visititems does not follow
-            data = chosen if isinstance(chosen, h5py.Dataset) else _chosen(path, found, dataset, several)
+            data = chosen if isinstance(chosen, h5py.Dataset) else _chosen(path, found, dataset)
         else:
             arrays = {name: item for name, item in found.items() if _numeric(item)}
-            arrays = {name: item for name, item in arrays.items() if name.rpartition("/")[2] not in FIELDS}
+            fields = {name: item for name, item in arrays.items() if name.rpartition("/")[2] in FIELDS}
+            if fields and len(fields) == len(arrays):  # a file of fields alone
+                return Frames(None, *_fields(next(iter(fields.values())).parent))
+            arrays = {name: item for name, item in arrays.items() if name not in fields}
             whole = [item for item in arrays.values() if item.ndim == max(item.ndim for item in arrays.values())]
             largest = [item for item in whole if item.size == max(item.size for item in whole)]
             shapes = {name: item.shape for name, item in arrays.items() if item in largest}
-            data = found[_chosen_name(path, list(found), shapes, None, several)]
+            data = found[_chosen_name(path, list(found), shapes, None)]
         beside = {name.rpartition("/")[2]: item for name, item in found.items()}
         angles = next(
             (theta_degrees(path, beside[name]) for name in ("theta", "rotation_angle") if name in beside), None
         )
-        flat, dark = (data.parent.get(name) for name in FIELDS)
-        flat, dark = (item[...] if isinstance(item, h5py.Dataset) and item.size else None for item in (flat, dark))
+        flat, dark = _fields(data.parent)
         keys, values = beside.get("image_key"), data[...]
         if keys is not None and keys.shape == (len(values),):
             key = keys[...]
@@ -279,3 +277,10 @@ def _hdf5(path: Path, dataset: str | None, several: str) -> Frames:
             flat, dark = (values[key == kind] if (key == kind).any() else None for kind in (FLAT, DARK))
             values = values[key == PROJECTION]
         return Frames(values, flat, dark, angles, str(data.attrs.get("log", "")).lower() in ("true", "1"))
+
+
+def _fields(group: h5py.Group) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return flat and dark frames of a group; None for missing ones."""
+    found = (group.get(name) for name in FIELDS)
+    flat, dark = (item[...] if isinstance(item, h5py.Dataset) and item.size else None for item in found)
+    return flat, dark

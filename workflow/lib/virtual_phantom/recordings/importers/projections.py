@@ -21,7 +21,6 @@ from . import one_checksum, write_folder, write_projections
 from .arrays import FORMATS, Frames, read_frames
 
 AXES = "vrc"  # view, row, column
-ALONE = "write the one that you mean to a file of its own"  # advice for fields and angles
 RADIANS_TOLERANCE = 0.005  # angles that span 180 or 360 degrees within this, in radians, are taken as radians
 UNITS = {"mm": 1.0, "um": 1e-3, ELEMENT: 1.0}  # lengths in recording.yaml per unit of the options
 
@@ -181,8 +180,9 @@ def check_bin(factor: int, shape: Sequence[int]) -> None:
     InputError
         If they cannot.
     """
-    for count, name in zip(shape[:0:-1], ("columns", "rows"), strict=True):
-        if not 1 <= factor <= count and not (name == "rows" and count == 1):  # a fan beam has one row
+    _, rows, columns = shape
+    for count, name in ((columns, "columns"), (rows, "rows"))[: 1 if rows == 1 else 2]:  # a fan beam has one row
+        if not 1 <= factor <= count:
             raise InputError(f"--bin {factor}: use 1 to {count}, the number of detector {name}")
 
 
@@ -199,8 +199,8 @@ def arranged(array: np.ndarray, axes: str | None, source: str | Path) -> np.ndar
     InputError
         If it is empty, or the letters do not fit its axes.
     """
-    if array.size == 0:
-        raise InputError(f"{source}: has no projections (shape {array.shape}); give the measured frames")
+    if array is None or array.size == 0:
+        raise InputError(f"{source}: has no projections; give the measured frames")
     axes = axes or {2: "vc", 3: AXES}.get(array.ndim, "")
     letters = axes.lower()
     if len(letters) != array.ndim or len(set(letters)) != len(letters) or not {"v", "c"} <= set(letters) <= set(AXES):
@@ -266,15 +266,17 @@ def read_field(
         try:
             return np.full((rows, columns), float(given))
         except ValueError:
-            found = read_frames(given, several=ALONE)
-            source, stated = given, getattr(found, name)  # a Data Exchange file has projections beside its fields
+            found = read_frames(given)
+            source, stated = given, getattr(found, name)  # a Data Exchange file may have projections beside its fields
+            if stated is None and (found.flat is not None or found.dark is not None):
+                raise InputError(f"{given}: has no {name} field; give a file with {name} frames") from None
             stated = found.data if stated is None else stated
     if stated is None:
         return None
     field = np.asarray(stated, np.float64).reshape(-1, *stated.shape[-2:]).mean(axis=0) if stated.ndim > 2 else stated
     if rows == 1 and field.ndim == 2 and field.shape[-1] == columns:
         field = field.mean(axis=0)
-    if field.shape == (columns, rows) and re.search("c.*r", axes.lower()):
+    if field.shape == (columns, rows) and (rows == 1 or re.search("c.*r", axes.lower())):
         field = field.T
     if field.size != rows * columns or field.shape[-1] != columns:
         raise InputError(
@@ -302,7 +304,7 @@ def _angles(given: str | None, frames: Frames, views: int, source: str | Path) -
     if os.path.isfile(given):
         if Path(given).suffix.lower() not in FORMATS:
             return _checked_list(read_angles(given), views, given)
-        found = read_frames(given, several=ALONE)
+        found = read_frames(given)
         listed = np.ravel(found.data).astype(float) if found.angles_deg is None else found.angles_deg
         return _checked_list(listed, views, given)
     try:

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from ...base.errors import InputError, lines_of
+from ...base.names import enumerated
 from ...base.settings import from_mapping, to_mapping
 from ...base.streams import Branch, branch
 from ...config.config import inspect_config
@@ -178,11 +179,13 @@ def _parameters(study: Study) -> Iterator[str]:
         if lines := _messages(read_parameters, file):
             yield from lines
             return
-        boxed = [name for name, protocol in study.protocols.items() if protocol.voxels is not None]
+        used = {protocol for protocol, _ in Plan(study).acquisitions_with_features()}
+        boxed = sorted(name for name in used if study.protocols[name].voxels is not None)
         if boxed and (parameters := read_parameters(file)).needs_whole_images:
             from ...features.extraction import whole_images_needed
 
-            yield f"features.parameters: {whole_images_needed(parameters)}; remove protocols.{boxed[0]}.voxels"
+            where = f"features.parameters: {whole_images_needed(parameters)}"
+            yield f"{where}; remove them, or `voxels` of {enumerated(boxed)}"
     if study.features and study.analyses.extraction:
         if lines := _messages(lambda: Plan(study).variations):
             yield from lines
@@ -270,8 +273,8 @@ def _simulation(path: str, folder: str) -> None:
 
     if is_of_images(path):
         read_simulated_images(path)
-    elif (recording := load_recording(folder)).kind == "projections":
-        read_simulation(Path(path), recording)
+    elif read_document(folder).content["kind"] == "projections":
+        read_simulation(Path(path), load_recording(folder))
 
 
 def _object(
