@@ -34,7 +34,7 @@ TOO_MANY = ("gain_pattern",)  # omitted by `all`
 
 
 def without_halves(prepared):
-    """Fitter of all repeats."""
+    """Return a fitter of all repeats, with the weights of the diagnosis."""
     given, one, two = prepared.fitter, prepared.data, prepared.held_out
     data = replace(
         one,

@@ -176,12 +176,14 @@ def _parameters(study: Study) -> Iterator[str]:
     if file := study.features and study.features.parameters:
         from ...features.parameters import read_parameters  # slow import (pyradiomics)
 
-        if lines := _messages(read_parameters, file):
-            yield from lines
+        try:
+            parameters = read_parameters(file)
+        except InputError as error:
+            yield from lines_of(error)
             return
         used = {protocol for protocol, _ in Plan(study).acquisitions_with_features()}
         boxed = sorted(name for name in used if study.protocols[name].voxels is not None)
-        if boxed and (parameters := read_parameters(file)).needs_whole_images:
+        if boxed and parameters.needs_whole_images:
             from ...features.extraction import whole_images_needed
 
             where = f"features.parameters: {whole_images_needed(parameters)}"
