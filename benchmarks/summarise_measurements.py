@@ -16,8 +16,7 @@ from virtual_phantom.features.hu_offset import convert_to_hu
 from virtual_phantom.io.files import replacing
 from virtual_phantom.statistics import measured, repeats, wilcoxon
 
-# Numbers of repeats: for acquisitions without re-positioning, and for all.
-DRAWN = {"fixed": range(2, 20), "all": (10,)}
+NUMBERS = range(2, 20)  # of repeats; 19 acquisitions of each group are without re-positioning
 
 
 def summarise(table: pd.DataFrame, keys: list[str], features: tuple[str, ...]) -> pd.DataFrame:
@@ -37,9 +36,9 @@ def draw_scores(study: pd.DataFrame) -> pd.DataFrame:
     All groups take the same acquisitions, as the study did.
     """
     rows = []
-    for acquisitions, numbers in DRAWN.items():
+    for acquisitions in measured.ACQUISITIONS:
         table = study if acquisitions == "all" else study[study["repositioned"] == 0]
-        for number in numbers:
+        for number in NUMBERS:
             scores = repeats.score_draws(
                 table, measured.PHANTOM4RADIOMICS_FEATURES, number, unit="acquisition", shared=True
             )

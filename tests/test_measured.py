@@ -166,11 +166,11 @@ def test_scores_of_equal_repeats():
     assert len(ten) == repeats.DRAWS * 85 and (ten["of"] == 19).all()
     assert list(ten["feature"][:85]) == list(measured.PHANTOM4RADIOMICS_FEATURES)
     assert (measured.load_score_draws(100)["repeats"] == 19).all()
-    assert (measured.load_score_draws(10, "all")["of"] == 29).all()
+    assert (measured.load_score_draws(3, "all")["of"] == 29).all()
     with pytest.raises(InputError, match="'some' is not known; choose from fixed, all"):
         measured.load_score_draws(10, "some")
-    with pytest.raises(InputError, match="there are no draws of 3 acquisitions from 'all'"):
-        measured.load_score_draws(3, "all")
+    with pytest.raises(InputError, match="there are no draws of 1 acquisitions from 'all'"):
+        measured.load_score_draws(1, "all")
 
 
 @pytest.mark.real

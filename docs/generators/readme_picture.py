@@ -19,10 +19,8 @@ def main(results: Path) -> None:
     table = files.read_csv(results / "tables" / "stability.csv")
     trust = robustness.between_protocols(files.read_csv(results / "tables" / "trust.csv"))
     sd = further_seeds.sd_over_seeds(further_seeds.read_seed_scores())
-    repeats = int(measured.load_score_draws(10)["repeats"].iloc[0])
-    figure = stability_discrimination.draw(
-        table, 1.0, measured.load_score_draws(repeats), repeats=repeats, sd=sd, intervals=trust
-    )
+    draws = measured.load_score_draws(10, "all")
+    figure = stability_discrimination.draw(table, 1.0, draws, repeats=10, sd=sd, intervals=trust)
     style.save(figure, [OUT])
 
 

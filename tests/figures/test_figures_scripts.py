@@ -83,7 +83,8 @@ def test_scans(run, phantom_folder):
         ),
         (
             "stability_discrimination",
-            {"threshold": 1.0, "with_measured": False, "recording": None, "seeds": 10, "settings": "", "noise": {}},
+            {"threshold": 1.0, "seeds": 10, "settings": "", "noise": {}}
+            | dict.fromkeys(("measured_acquisitions", "recording")),
         ),
         ("overlap", {}),
         ("pca", {"title": "SIRT"}),
@@ -123,7 +124,7 @@ def test_measured_scores_are_shown_with_simulated_ones(run, tmp_path, controls):
         "stability_discrimination",
         {one: tmp_path / f"{one}.csv" for one in ("table", "trust", "controls")},
         threshold=1.0,
-        with_measured=True,
+        measured_acquisitions="all",
         recording=None,
         seeds=10,
         settings="",

@@ -191,7 +191,7 @@ use rule overlap as overlap_recording with:
     params:
         images=context.selections.compared_images(),
         statistics=to_mapping(context.study.statistics),
-        recording=lambda wildcards: wildcards.recording,
+        measured_acquisitions=None,
         code=code("overlap.py"),
 
 

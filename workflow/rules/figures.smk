@@ -113,7 +113,7 @@ rule figure_stability_discrimination:
         runtime=10,
     params:
         threshold=context.study.statistics.threshold,
-        with_measured=context.study.measured.overlay,
+        measured_acquisitions=selections.measured_acquisitions,
         recording=selections.own_reference,
         seeds=selections.compared_images()["seeds"],
         settings=context.plan.scored_settings(),

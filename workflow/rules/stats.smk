@@ -173,7 +173,7 @@ rule top_features:
         runtime=10,
     params:
         seeds=selections.compared_images()["seeds"],
-        with_measured=context.study.measured.overlay,
+        measured_acquisitions=selections.measured_acquisitions,
         code=code("top_features.py"),
     script:
         "../scripts/top_features.py"
@@ -196,7 +196,7 @@ rule overlap:
     params:
         images=selections.compared_images(),
         statistics=to_mapping(context.study.statistics),
-        recording=None,
+        measured_acquisitions=selections.measured_acquisitions,
         code=code("overlap.py"),
     script:
         "../scripts/overlap.py"

@@ -16,11 +16,12 @@ def main(
     output: str,
     images: Mapping,
     statistics: Mapping,
-    recording: str | None,
+    measured_acquisitions: str | None,
 ) -> None:
-    recorded = (
-        ranking.assessed(files.read_csv(scores), scores) if recording else measured.load_score_draws(images["seeds"])
-    )
+    if measured_acquisitions:
+        recorded = measured.load_score_draws(images["seeds"], measured_acquisitions)
+    else:
+        recorded = ranking.assessed(files.read_csv(scores), scores)
     repeats = int(recorded["repeats"].iloc[0])
     features = read_groups(features_file, **{**images, "seeds": repeats})
     simulated = wilcoxon.scores(features, features_of(features), source=features_file, **statistics)
@@ -51,5 +52,5 @@ if "snakemake" in globals():
             output=snakemake.output[0],
             images=snakemake.params.images,
             statistics=snakemake.params.statistics,
-            recording=snakemake.params.recording,
+            measured_acquisitions=snakemake.params.measured_acquisitions,
         )

@@ -5,11 +5,11 @@ from virtual_phantom.statistics import measured, ranking
 from virtual_phantom.study.job import job
 
 
-def main(*, stability: str, output: str, seeds: int, with_measured: bool) -> None:
+def main(*, stability: str, output: str, seeds: int, measured_acquisitions: str | None) -> None:
     scores = ranking.assessed(files.read_csv(stability), stability)
-    draws = measured.load_score_draws(seeds) if with_measured else None
+    draws = measured.load_score_draws(seeds, measured_acquisitions) if measured_acquisitions else None
     # Published values of the printed phantom are only comparable with a simulation of this phantom.
-    published = measured.load_published_top() if with_measured else None
+    published = measured.load_published_top() if measured_acquisitions else None
     files.write_csv(ranking.top_features(scores, published, draws), output)
 
 
@@ -19,5 +19,5 @@ if "snakemake" in globals():
             stability=snakemake.input.stability,
             output=snakemake.output[0],
             seeds=snakemake.params.seeds,
-            with_measured=snakemake.params.with_measured,
+            measured_acquisitions=snakemake.params.measured_acquisitions,
         )

@@ -16,7 +16,7 @@ def main(
     scores_file: str | None,
     outputs: list[str],
     threshold: float,
-    with_measured: bool,
+    measured_acquisitions: str | None,
     recording: str | None,
     repeats: int,
     settings: Mapping,
@@ -26,7 +26,7 @@ def main(
     if recording:
         scores = ranking.assessed(files.read_csv(scores_file), scores_file)
     else:
-        scores = measured.load_score_draws(repeats) if with_measured else None
+        scores = measured.load_score_draws(repeats, measured_acquisitions) if measured_acquisitions else None
     table = ranking.assessed(files.read_csv(table_file), table_file)
     seeds = further_seeds.read_seed_scores()
     sd = further_seeds.sd_over_seeds(seeds) if further_seeds.match_settings(seeds, settings) else None
@@ -47,7 +47,7 @@ if "snakemake" in globals():
             scores_file=snakemake.input.get("scores"),
             outputs=[snakemake.output.png, snakemake.output.pdf],
             threshold=snakemake.params.threshold,
-            with_measured=snakemake.params.with_measured,
+            measured_acquisitions=snakemake.params.measured_acquisitions,
             recording=snakemake.params.recording,
             repeats=snakemake.params.seeds,
             settings=snakemake.params.settings,

@@ -81,6 +81,14 @@ class Selections:
         made = made_folders(study.results)[COMPARED]
         return next((name for name in stability.recordings if study.recordings[name] == made), None)
 
+    @property
+    def measured_acquisitions(self) -> str | None:
+        """Acquisitions of the printed phantom for `measured.load_score_draws`; None if they are not comparable."""
+        study = self.plan.study
+        if not study.measured.overlay:
+            return None
+        return "all" if study.repeats.repositioned else "fixed"
+
     def measured_scores(self) -> str:
         """Return the file of measured scores to compare with: scores of `own_reference`, or published scores."""
         if self.own_reference is not None:
