@@ -140,6 +140,15 @@ def test_other_object_is_distinguished_from_a_wrong_description(lines):
     assert finding(lines[..., 2:3, :], row, DiscScene(70.0, "pmma")).kind == "object"
 
 
+@pytest.mark.parametrize("scene", [OBJECT, DiscScene(150.0, "pmma")], ids=["body", "disc"])
+def test_moving_object_is_no_other_object(scene):
+    """Successive views see the object at two locations, so that no constant velocity explains the mismatch."""
+    swinging = scanned(scene)
+    swinging[:, ::2] = scanned(scene, pose=Pose(20.0, -12.0, 0.5, 0.2))[:, ::2]
+    found = finding(swinging, scene=scene)
+    assert found.kind == "as stated" and found.share < 0.01 < found.stated.share
+
+
 def test_noise_of_one_repeat_is_no_other_object():
     """At 100 photons, noise is a third of the variance of line integrals."""
     scan = SCAN | {"rows": 1, "columns": 40, "views": 20, "views_per_rotation": 20}

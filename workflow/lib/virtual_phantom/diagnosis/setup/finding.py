@@ -113,6 +113,7 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
 
     The object is fitted at its stated location within the tolerance of the alignment, then in the whole field of view.
     That search starts from the centroids of the views. A grid of locations is tried before another object is reported.
+    The stated description is accepted, too, if a motion of the object explains the mismatch.
     """
     given = list(descriptions(scan, log, largest))
     found, stated = _found(comparison, given), given[0]
@@ -137,6 +138,10 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
             break
         if no_match and other.share < found.share:
             found = other
+    if found.kind == OBJECT:
+        moving = comparison.displaced(found.stated)
+        if not moving.exceeds(ANOTHER):
+            return replace(found, kind=AS_STATED, best=found.stated, share=moving.share)
     return found
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy import ndimage
 
 from ...base.geometry import OrbitGeometry
 from ...physics.scenes.sampling import SupersampledScan, average_rays
@@ -41,6 +42,7 @@ UNSEEN = 1e-6  # of the largest slope, for parameters that the object does not s
 SCALED = 0.3  # logarithm of the scale of line integrals that hardening, scatter and glare reach
 SAMPLES = 2  # rays per pixel and direction
 NUDGE_MM = 5.0  # step of the object for the derivative of the centroids of views
+DISPLACEMENTS = 2  # steps to match the centroids of views by displacements on the detector
 CENTROIDS = 4  # steps to match the centroids, as the magnification of a fan beam depends on the location
 GRID, FINER = 7, 4  # locations along x and y of a search over the field of view, and number of refinements
 SIGNIFICANT = 3.0  # standard errors of the noise that a mismatch must exceed
@@ -399,6 +401,27 @@ class Comparison:
         squares = found.squares, noise, float(error), found.total
         return SetupMismatch(description, fitted, *squares, found.scale, count, turn_deg != 0)
 
+    def displaced(self, found: SetupMismatch) -> SetupMismatch:
+        """Return the mismatch that remains if the object moved from view to view by up to REACH.
+
+        Each simulated view is displaced on the detector to match the centroid of the recorded view.
+        """
+        rays = self.rays(found.description)
+        there = rays.weight > 0
+        simulated, wanted = self._simulated(rays, found.place), _centroids(rays.mean, there)
+        steps = np.array([[rays.column_step], [rays.row_step]])
+        most = np.array([[REACH["columns_px"]], [REACH["rows_px"]]]) / steps
+        by, moved = np.zeros((2, len(simulated))), simulated
+        for _ in range(DISPLACEMENTS):
+            off = np.nan_to_num(wanted - _centroids(moved, there)).reshape(by.shape)
+            by = np.clip(by + off, -most, most)
+            views = zip(simulated, *by, strict=True)
+            moved = np.stack(
+                [ndimage.shift(view, (down, across), order=1, mode="nearest") for view, across, down in views]
+            )
+        left = self._fitted(rays, moved)
+        return replace(found, squares=left.squares, total=left.total, scale=left.scale)
+
     def residual(self, found: SetupMismatch) -> np.ndarray:
         """Return residual line integrals of a description, as means over rows, shape (views, columns)."""
         rays = self.rays(found.description)
@@ -433,7 +456,11 @@ class Comparison:
         return -np.log(average_rays(transmitted, np.full((len(down), len(across)), 1 / (len(down) * len(across)))))
 
     def _left(self, rays: Rays, place: Mapping[str, float]) -> _Left:
-        mean, weight, simulated = rays.mean, rays.weight, self._simulated(rays, place)
+        return self._fitted(rays, self._simulated(rays, place))
+
+    @staticmethod
+    def _fitted(rays: Rays, simulated: np.ndarray) -> _Left:
+        mean, weight = rays.mean, rays.weight
         total = float((weight * (mean - np.average(mean, weights=weight)) ** 2).sum())
         centered = simulated - np.average(simulated, weights=weight)
         if not (weight * centered * mean).sum() > 0:  # negative correlation
