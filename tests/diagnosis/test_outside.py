@@ -8,6 +8,7 @@ from test_declared import GEOMETRY, PHOTONS, inserts_in_muscle
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.residuals import KINDS
+from virtual_phantom.diagnosis.selection import forward_selection
 from virtual_phantom.diagnosis.verdict.unmodeled import changes
 from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
@@ -93,6 +94,22 @@ def test_remaining_change_and_better_explanation_are_reported(chain):
     assert beaten[0] == content["effects"][0]["name"]
     assert beaten[1]["what"] == "depends on the line integral alone" and beaten[1]["better_by"] > 4
     assert "an unmodeled change that depends on the line integral alone" in content["sentence"]
+
+
+def test_effect_that_removes_a_trace_of_a_fault_is_not_named(chain, monkeypatch):
+    """Dim views have 100 times the chi-square that any effect removes."""
+    dim = -np.log(np.where(np.arange(GEOMETRY.views)[:, None, None] % 17 == 5, 0.9, 1.0))
+    one = simulated(chain, 3, np.broadcast_to(dim, lines(chain).shape))
+    candidates = ("veiling_glare", "view_angle_error")
+    content = diagnose("bench", one, chosen(one.fitter, candidates)).content
+    assert content["verdict"] == "unexplained" and not content["effects"]
+    monkeypatch.setattr(forward_selection, "LEAST_SHARE", 0.0)
+    assert chosen(one.fitter, candidates).chosen.fit.effects
+
+
+def test_noise_alone_has_no_excess(chain):
+    fitter = simulated(chain, 11).fitter
+    assert fitter.excess(trial(fitter, ()).score) == 0.0
 
 
 def test_true_effect_is_not_beaten(chain):

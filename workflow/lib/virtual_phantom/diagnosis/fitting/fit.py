@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -21,6 +22,7 @@ from .steps import standard_errors
 # A fit has stalled if its derivatives predict a decrease of chi-square larger than this, but no step achieves it. It is
 # then repeated from starts farther away (problem.FARTHER).
 STALLED = 8.0
+SIGNIFICANT = 3.0  # standard deviations of chi-square by noise
 CACHED_JACOBIANS = 4  # at the ends of fits, for rankings, tests and intervals: of two fits, on both halves of the data
 
 
@@ -216,3 +218,8 @@ class Fitter:
     def score(self, fit: Fit) -> float:
         """Return the log score of the held-out data up to a constant: minus half of chi-square."""
         return -0.5 * chi_square(self.held_weights, self.residuals(fit, held_out=True))
+
+    def excess(self, score: float) -> float:
+        """Return the log score that held-out data lose beyond noise, for the score of a fit; 0 if not significant."""
+        count = sum(int((weights > 0).sum()) for weights in self.held_weights)
+        return max(0.0, -score - (count + SIGNIFICANT * math.sqrt(2 * count)) / 2)
