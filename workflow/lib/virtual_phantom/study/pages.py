@@ -67,7 +67,7 @@ class Pages:
             title = self.comparisons.title(known["comparison"])
         params = {
             "threshold": self.plan.study.statistics.threshold,
-            "with_measured": self.plan.study.measured.overlay,
+            "measured_acquisitions": self.selections.measured_acquisitions,
             "recording": self.selections.own_reference,
             "measured": self.selections.measured_noise,
             "title": title,
