@@ -117,6 +117,7 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
     """
     given = list(descriptions(scan, log, largest))
     found, stated = _found(comparison, given), given[0]
+    in_place = found.stated
     if found.kind in (AS_STATED, DESCRIPTION) and min(found.best.share, found.share) <= MISTAKEN:
         return found
     if found.kind == EMPTY_BEAM and comparison.attenuated(stated) < EMPTY:
@@ -139,9 +140,9 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
         if no_match and other.share < found.share:
             found = other
     if found.kind == OBJECT:
-        moving = comparison.displaced(found.stated)
+        moving = comparison.displaced(in_place)
         if not moving.exceeds(ANOTHER):
-            return replace(found, kind=AS_STATED, best=found.stated, share=moving.share)
+            return Finding(AS_STATED, in_place, in_place, moving.share)
     return found
 
 
