@@ -193,7 +193,7 @@ def _chosen(comparison: Comparison, first: SetupMismatch, tried: Sequence[SetupM
         # Physics that shifts or stretches the rays may hide a mistake or look like one.
         nearest = sorted(tried, key=lambda mismatch: mismatch.share)[:CONTENDERS]
         fitted, *others = (_with_geometry(comparison, mismatch) for mismatch in (first, *nearest))
-        chosen = _mistake(fitted, others)
+        chosen = _mistake(fitted, others, least=0.0)
     if chosen is not None and chosen.share > NAMED and _with_geometry(comparison, chosen).share > NAMED:
         return None  # any object of similar size would explain as much
     return chosen
