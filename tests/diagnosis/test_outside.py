@@ -109,7 +109,7 @@ def test_effect_that_removes_a_trace_of_a_fault_is_not_named(chain, monkeypatch)
 
 def test_noise_alone_has_no_excess(chain):
     fitter = simulated(chain, 11).fitter
-    assert fitter.excess(trial(fitter, ()).score) == 0.0
+    assert fitter.significant_excess(trial(fitter, ()).score) == 0.0
 
 
 def test_true_effect_is_not_beaten(chain):

@@ -48,7 +48,7 @@ BARE = SimpleNamespace(
     held_weights=(np.ones(2),),
     finished=lambda fit: fit,
     comparable=lambda fit, without: fit,
-    excess=lambda score: 0.0,
+    significant_excess=lambda score: 0.0,
 )
 GEOMETRY = circular(
     views=60,

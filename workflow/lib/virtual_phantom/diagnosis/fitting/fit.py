@@ -219,7 +219,7 @@ class Fitter:
         """Return the log score of the held-out data up to a constant: minus half of chi-square."""
         return -0.5 * chi_square(self.held_weights, self.residuals(fit, held_out=True))
 
-    def excess(self, score: float) -> float:
+    def significant_excess(self, score: float) -> float:
         """Return the log score that held-out data lose beyond noise, for the score of a fit; 0 if not significant."""
         count = sum(int((weights > 0).sum()) for weights in self.held_weights)
         return max(0.0, -score - (count + SIGNIFICANT * math.sqrt(2 * count)) / 2)

@@ -230,7 +230,7 @@ class ForwardSelection:
             name
             for name, gain in gains.items()
             if gain >= self.required_gain(self.current, name)
-            and gain >= LEAST_SHARE * (gain + self.fits.fitter.excess(tried[name].score))
+            and gain >= LEAST_SHARE * (gain + self.fits.fitter.significant_excess(tried[name].score))
         ]
         best = tried[max(enough, key=lambda name: gains[name])] if enough else None
         return best if enough and best.p * len(self.fits.candidates) <= ALPHA else None
