@@ -83,7 +83,7 @@ def draw(matrix: Mapping) -> Figure:
     meaning = {
         "right": "right (not in library: reported as unexplained)",
         "alternative": "hidden effect reported as alternative",
-        "wrong": "wrong",
+        "wrong": "wrong in at least one case",
     }
     keys = [Patch(facecolor=face, edgecolor=edge, label=meaning[name]) for name, (face, edge, _) in LOOK.items()]
     figure.legend(handles=keys, loc="outside lower center", ncols=3, title="percentage of the cases in a row")
