@@ -219,7 +219,7 @@ def test_five_most_important_of_many_lines_are_shown():
             [
                 "Wrong object: the scan does not show the study's phantom.",
                 "Unexplained variance of HU inside the body: at least 23 % for all tested voxel orders and locations.",
-                "Next: state the scanned object in the configuration.",
+                "Next: state the scanned object and all else in the beam, such as a table.",
                 "Effects: none fitted; correct the set-up first.",
             ],
         ),

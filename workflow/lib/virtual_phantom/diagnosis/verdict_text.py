@@ -333,7 +333,7 @@ def setup_lines(setup: Mapping, scanned: str) -> list[VerdictLine | None]:
         return [
             VerdictLine("Wrong object", f"the scan does not show {scanned}"),
             VerdictLine(variance, f"at least {corrected} for all tested {searched}"),
-            VerdictLine("Next", "state the scanned object in the configuration"),
+            VerdictLine("Next", "state the scanned object and all else in the beam, such as a table"),
             tried,
         ]
     changed = f"{described} with the stated set-up, {corrected} after correction" if described != corrected else ""
