@@ -190,8 +190,10 @@ def _chosen(comparison: Comparison, first: SetupMismatch, tried: Sequence[SetupM
         exact = not chosen.turned and chosen.worse_than(fitted) < 0
         chosen = chosen if exact else _mistake(fitted, [chosen], least=0.0)
     elif chosen is None and min(mismatch.share for mismatch in (first, *tried)) > MISTAKEN:
-        # Physics that shifts or stretches the rays may hide a mistake or look like one.
-        nearest = sorted(tried, key=lambda mismatch: mismatch.share)[:CONTENDERS]
+        # Physics that shifts or stretches the rays may hide a mistake or look like one. If a description explains no
+        # more than the stated one, more geometry may only end in another minimum.
+        likelier = [mismatch for mismatch in tried if first.worse_than(mismatch) > LIKELIER]
+        nearest = sorted(likelier, key=lambda mismatch: mismatch.share)[:CONTENDERS]
         fitted, *others = (_with_geometry(comparison, mismatch) for mismatch in (first, *nearest))
         chosen = _mistake(fitted, others, least=0.0)
     if chosen is not None and chosen.share > NAMED and _with_geometry(comparison, chosen).share > NAMED:
