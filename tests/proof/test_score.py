@@ -221,6 +221,13 @@ def test_equivalent_effect_declared_in_advance_counts_as_reported():
     assert judged(hidden_truth, said["an equal"]).right
 
 
+def test_another_object_reports_faults_of_the_object_alone():
+    said = unfitted_diagnosis("a", SETUP_VERDICTS["object"], [None], shown=None).content
+    faults = {name: truth("a", "unknown", {f"!{name}": {}}) for name in ("patient_table", "lost_views")}
+    owned = {name: judged(hidden_truth, said).right for name, hidden_truth in faults.items()}
+    assert owned == {"patient_table": True, "lost_views": False}
+
+
 def test_remainders_measure_the_missing_models(found):
     """Cases 8 and 9 have 0 and 2 standard deviations left; cases with the correct names or none have 0."""
     remainders = found["remainders"]

@@ -13,6 +13,7 @@ from ...diagnosis.residuals.residual_tests import ALPHA
 from ...diagnosis.verdict_text import MATCH, PARTLY_EXPLAINED, PRACTICAL, UNEXPLAINED
 from ...physics.effect import names
 from .hidden_effect import EQUATIONS, STRENGTHS
+from .missing_effects import OF_OBJECT
 
 CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")
@@ -184,8 +185,13 @@ class Case:
 
     @property
     def reported_unexplained(self) -> bool:
-        """Whether the verdict reports unexplained differences or names an equivalent of the missing physics."""
-        return self.unexplained or self.equivalent_named
+        """Whether the verdict reports the fault.
+
+        It reports unexplained differences, names an equivalent of the missing physics, or for a fault of the object
+        reports another object.
+        """
+        of_object = self.verdict.get("other_object", False) and set(self.hidden) <= set(OF_OBJECT)
+        return self.unexplained or self.equivalent_named or of_object
 
     @property
     def right(self) -> bool:

@@ -11,6 +11,8 @@ from .hidden_effect import MEAN, NOISE, ROUND, HiddenEffect, sign
 
 # Verdicts are part of the sealed truths: another text changes the published hashes.
 LEFT = "something outside of the library is left"
+# Faults of the object: the statement that another object was scanned reports them, too.
+OF_OBJECT = ("patient_table", "truncated_object", "wrong_insert")
 K_EDGES = {"Gd": 0.1, "Sn": 0.3, "W": 0.05}  # filters with a K edge in the beam (50, 29 and 70 keV), mm at strength 1
 
 

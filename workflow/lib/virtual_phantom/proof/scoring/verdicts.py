@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 from ...base.errors import InputError, InputErrors, did_you_mean
+from ...diagnosis.verdict_text import SETUP_VERDICTS
 from ...io.documents import VERDICT, read_document
 from ...io.files import sha256
 from ...physics.effect import names
@@ -26,6 +27,7 @@ def verdict_document(diagnosis: Mapping) -> dict:
         "effects": named_groups(diagnosis),
         "unexplained": diagnosis["verdict"] in ADMITTED,
         "match": diagnosis["verdict"] in MATCHES,
+        "other_object": diagnosis["verdict"] == SETUP_VERDICTS["object"],
         "parameters": {
             effect["name"]: {
                 name: {"value": parameter["value"], "ci95": list(parameter["ci95"])}
