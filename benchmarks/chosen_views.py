@@ -47,8 +47,8 @@ def diagnose_subset(task):
     for every in (1, step):
         began = time.perf_counter()
         prepared_data = prepared.prepare(taken, None, model, step=every, **options)
-        found = choose(prepared_data.fitter, trial(prepared_data.fitter, ()), chain_scans.LIBRARY)
-        content = diagnose("draw", prepared_data, found).content
+        found = choose(prepared_data.whole, trial(prepared_data.whole, ()), chain_scans.LIBRARY)
+        content = diagnose("draw", prepared_data, found, found.on_halves(prepared_data)).content
         if every == 1:
             testable = physics and not any(load(name).pattern for name in physics)
             snr = chain_scans.signal_to_noise(prepared_data, physics) if testable else None

@@ -92,8 +92,8 @@ def diagnose_scan(task):
     began = time.perf_counter()
     prepared_data = prepared.prepare(scans(chain, physics, random), None, model, **options)
     tried = [name for name in LIBRARY if kind != "missing" or name not in truth]
-    found = choose(prepared_data.fitter, trial(prepared_data.fitter, ()), tried)
-    content = diagnose("draw", prepared_data, found).content
+    found = choose(prepared_data.whole, trial(prepared_data.whole, ()), tried)
+    content = diagnose("draw", prepared_data, found, found.on_halves(prepared_data)).content
     left, seen = left_over(prepared_data, physics, found.chosen.fit)
     row = {
         "draw": draw,

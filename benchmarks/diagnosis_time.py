@@ -38,11 +38,11 @@ def run(options):
 
     prepared_data = prepared_with_floor(taken, scene(), GEOMETRY, options.samples)
     mark("preparation")
-    baseline = trial(prepared_data.fitter, ())
+    baseline = trial(prepared_data.whole, ())
     mark("alignment")
-    found = choose(prepared_data.fitter, baseline, LIBRARY, options.processes)
+    found = choose(prepared_data.whole, baseline, LIBRARY, options.processes)
     mark("choice")
-    content = diagnose("benchmark", prepared_data, found).content
+    content = diagnose("benchmark", prepared_data, found, found.on_halves(prepared_data)).content
     mark("verdict")
     print(content["sentence"])
     print(f"all {sum(marks.values()):.0f} s, {len(LIBRARY)} candidates, {options.processes} processes")

@@ -104,7 +104,7 @@ def compare_choices(group, draw):
     physics = {truth: drawn(truth, random, like.air_reading)}
     first = FurtherScan("first", "", like.scene, GEOMETRY)
     prepared = prepare_scan(first, like, physics, random)
-    found = choose(prepared.fitter, trial(prepared.fitter, ()), list(effects))
+    found = choose(prepared.whole, trial(prepared.whole, ()), list(effects))
     row = {"group": group, "draw": draw, "truth": truth, "alone": "", "ambiguous": ""}
     if not found.chosen.fit.effects:
         return row | {"seconds": round(time.perf_counter() - began)}

@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from virtual_phantom.base.settings import from_mapping
-from virtual_phantom.diagnosis.fitting.fit import Fitter
 from virtual_phantom.diagnosis.fitting.problem import Problem
 from virtual_phantom.diagnosis.fitting.templates import data_changes, projected, templates, whitened, with_priors
 from virtual_phantom.diagnosis.preparation import prepare_recording
@@ -31,21 +30,6 @@ CHANCE = 0.01
 MOST = 4  # steps of the forward selection, as in the diagnosis
 FITTED = 5  # fits per step, with the largest matched filters
 TOO_MANY = ("gain_pattern",)  # omitted by `all`
-
-
-def without_halves(prepared):
-    """Return a fitter of all repeats, with the weights of the diagnosis."""
-    given, one, two = prepared.fitter, prepared.data, prepared.held_out
-    data = replace(
-        one,
-        mean=(one.mean + two.mean) / 2,
-        n=one.n + two.n,
-        variance=(one.variance + two.variance) / 2,
-        variance_error=one.variance_error / np.sqrt(2),
-        correlation=(one.correlation + two.correlation) / 2,
-        correlation_error=one.correlation_error / np.sqrt(2),
-    )
-    return Fitter(given.model, data, data, given.variance, given.floor)
 
 
 def left(fitter, fit):
@@ -136,7 +120,7 @@ def run(options):
         if missing := {name: path for name, path in paths.items() if not path.exists()}:
             request = DiagnosisRequest.of(from_mapping(FitSettings, given["model"]), given["object"].get("phantom"), 1)
             with np.errstate(divide="ignore"):  # data without variance have no weight
-                fitter = without_halves(prepare_recording(request)[1])
+                fitter = prepare_recording(request)[1].whole
                 for name, path in missing.items():
                     named, unexplained = METHODS[name](fitter, given["effects"])
                     verdict = {"case": case, "effects": [[effect] for effect in named], "unexplained": unexplained}

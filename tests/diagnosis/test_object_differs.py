@@ -185,7 +185,7 @@ def test_missing_large_insert_explains_all(monkeypatch):
     assert baseline.fit.chi_square > 1e6
     mended = prepared_data.with_mismatch(piece.mismatch, baseline.fit)
     monkeypatch.setattr(type(prepared_data), "with_mismatch", lambda *_: mended)  # it takes seconds
-    assert explains_all(piece, prepared_data, baseline)
+    assert explains_all(piece, prepared_data, baseline.fit)
     fit = mended.fitter.fit(())
     assert fit.chi_square < data_count(mended.fitter) * 1.01
     (found_at,) = (piece.content for piece in mended.mismatches(fit))
@@ -289,7 +289,7 @@ def test_mismatch_does_not_explain_all_that_physics_changes():
     assert excess(prepared_data, baseline.fit) > 10_000
     # Even if it seemed to gain half of it.
     half = replace(piece, gain=max(piece.gain, excess(prepared_data, baseline.fit) / 2))
-    assert not explains_all(half, prepared_data, baseline)
+    assert not explains_all(half, prepared_data, baseline.fit)
 
 
 @pytest.mark.parametrize("count", [1, 3])

@@ -228,7 +228,7 @@ def test_scatter_is_named_beside_an_uncertain_object():
 
 
 def test_effects_that_errors_of_the_object_imitate_are_reported():
-    found = content(False, scatter=0.01)
+    found = content(False, scatter=0.008)
     assert found["verdict"] == "match"
     assert "scatter" in found["object_errors"]["imitated_by"]
     assert any("scatter or dark signal would explain this, too" in line for line in found["verdict_lines"])

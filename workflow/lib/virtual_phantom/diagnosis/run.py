@@ -137,7 +137,7 @@ def run_diagnosis(
     scanned = ScannedVolume.of(request, recording, study_rois, shape_rois, scene) if images else None
     if images:
         content["agreement"] = compare_images(
-            recording, found.prepared, found.choice, request, Branch.AGREEMENT, scanned, thresholds is not None
+            recording, found.prepared, found.halves, request, Branch.AGREEMENT, scanned, thresholds is not None
         )
         progress.reached(COMPARED)
     if thresholds is not None:
@@ -176,25 +176,24 @@ def find_missing_physics(
         return local.mismatch.content["width_mm"] <= widest_mm
 
     def begin(given: Prepared, cache: FitCache | None) -> Begun:
-        (baseline,) = trials(given.fitter, [((),)], cache=cache)
+        (baseline,) = trials(given.whole, [((),)], cache=cache)
         progress.reached(ALIGNED)
-        local = differing(changes(given, baseline.fit, numerical)) if len(corrected) < MOST_MISMATCHES else None
+        aligned, local = given.fitter.fit((), baseline.fit), None
+        if len(corrected) < MOST_MISMATCHES:
+            local = differing(changes(given, aligned, numerical))
         if local is not None and corrected and not may_be_corrected(local):
             local = None  # too wide to be corrected: select effects with the object as corrected so far
-        alone = None
         if local is not None:
             applicable = applicable_effects(effects, given.fitter.model.with_declared_effects(()))
-            alone = (
-                screened(given.fitter, baseline.fit, applicable, processes, progress, accuracy) if applicable else {}
-            )
-            if beyond_effects(local, alone) or explains_all(local, given, baseline):
+            alone = screened(given.fitter, aligned, applicable, processes, progress, accuracy) if applicable else {}
+            if beyond_effects(local, alone) or explains_all(local, given, aligned):
                 return None, lambda: no_physics(baseline, local, numerical)
-        selection = ForwardSelection.of(given.fitter, baseline, effects, processes, accuracy, cache, progress, alone)
+        selection = ForwardSelection.of(given.whole, baseline, effects, processes, accuracy, cache, progress)
         selection.add_effects()
 
         def judged() -> Choice:
             choice = selection.judged()
-            better = local is not None and not corrected and better_than(local, choice)
+            better = local is not None and not corrected and better_than(local, choice.on_halves(given))
             return no_physics(baseline, local, numerical) if better else choice
 
         return selection.current.fit, judged
@@ -202,19 +201,19 @@ def find_missing_physics(
     while True:
         # Cached fits were made without corrections, so they are of no use after the first correction.
         prepared, choice = _settled(prepared, begin, None if corrected else cache)
-        local = None
+        halves, local = choice.on_halves(prepared), None
         if widest_mm and len(corrected) < MOST_MISMATCHES:
-            local = choice.mismatch or mismatch_beside_effects(prepared, choice, changes)
+            local = choice.mismatch or mismatch_beside_effects(prepared, halves, changes)
         if local is None or not may_be_corrected(local):
             break
-        prepared, corrected = prepared.with_mismatch(local.mismatch, choice.chosen.fit), [*corrected, local]
-    fitted = prepared.mismatches(choice.chosen.fit) if corrected else ()
+        prepared, corrected = prepared.with_mismatch(local.mismatch, halves.chosen.fit), [*corrected, local]
+    fitted = prepared.mismatches(halves.chosen.fit) if corrected else ()
     corrected = [
         replace(change, words=mismatch.words, mismatch=mismatch)
         for change, mismatch in zip(corrected, fitted, strict=True)
     ]
-    errors = errors_with_models(prepared.fitter, choice.chosen.fit, choice.without, accuracy)
-    found = diagnose(name, prepared, replace(choice, errors=errors), corrected, changes, effects)
+    errors = errors_with_models(prepared.whole, choice.chosen.fit, choice.without, accuracy)
+    found = diagnose(name, prepared, replace(choice, errors=errors), halves, corrected, changes, effects)
     progress.reached(JUDGED)
     return found
 
@@ -230,7 +229,7 @@ def apply_known_physics(
         return choice.chosen.fit, lambda: choice
 
     prepared, choice = _settled(prepared, begin, cache)
-    found = diagnose(name, prepared, choice)
+    found = diagnose(name, prepared, choice, choice)
     return replace(found, content=with_physics_source(found.content, physics))
 
 

@@ -238,7 +238,7 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]], 
 
 @style.styled(grid=True)
 def draw_ranking(gains: Mapping[str, float], added: Mapping[str, float], fitted: Container[str]) -> Figure:
-    """Draw the improvement in held-out log score of every candidate alone, the largest first.
+    """Draw the improvement in log score of every candidate alone, the largest first.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def draw_ranking(gains: Mapping[str, float], added: Mapping[str, float], fitted:
     axes.xaxis.get_major_locator().set_params(numticks=6)
     axes.xaxis.set_major_formatter(style.number_formatter())
     axes.set_xlabel(
-        "improvement in held-out log score, each effect alone (pale: first-order estimate)\n"
+        "improvement in log score, each effect alone (pale: first-order estimate)\n"
         "blue: in the verdict; diamond: added to the other effects of the verdict"
     )
     return figure

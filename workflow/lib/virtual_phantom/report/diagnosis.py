@@ -105,8 +105,8 @@ def data_page(content: dict, maps: DataMaps) -> str:
 
 def residual_maps(diagnosis: Diagnosis) -> tuple[np.ndarray, np.ndarray]:
     """Return maps of the standardized held-out residuals, with the baseline and the chosen model, (down, across)."""
-    choice = diagnosis.choice
-    return tuple(_residual_map(trial.fit, diagnosis.prepared) for trial in (choice.baseline, choice.chosen))
+    halves = diagnosis.halves
+    return tuple(_residual_map(trial.fit, diagnosis.prepared) for trial in (halves.baseline, halves.chosen))
 
 
 def _data_maps(diagnosis: Diagnosis) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -114,9 +114,9 @@ def _data_maps(diagnosis: Diagnosis) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
     If every second view was held out, the other views are dropped. Pixels without data are NaN.
     """
-    prepared, choice = diagnosis.prepared, diagnosis.choice
+    prepared, halves = diagnosis.prepared, diagnosis.halves
     usable, maps = prepared.held_out.usable, []
-    differences = (prepared.difference(trial.fit, held_out=True) for trial in (choice.baseline, choice.chosen))
+    differences = (prepared.difference(trial.fit, held_out=True) for trial in (halves.baseline, halves.chosen))
     for values in (prepared.recorded(held_out=True), *differences):
         whole = np.zeros(usable.shape)
         whole[usable] = values

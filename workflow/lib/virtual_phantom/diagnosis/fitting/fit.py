@@ -117,12 +117,12 @@ class Fit:
 
 
 class Fitter:
-    """Fits and held-out log scores for one recording.
+    """Fits and log scores for one recording.
 
     Parameters
     ----------
     data, held_out : Observed
-        Data that are fitted, and data that are predicted.
+        Data that are fitted, and data that are predicted. If both are the same object, scores are estimates (`score`).
     variance : ndarray
         Variance of one repeat, whitened, along the data's three axes. Weights follow from it: they are the same for
         all models, so that scores compare.
@@ -216,7 +216,17 @@ class Fitter:
         return replace(fit, chi_square=problem.chi_square(problem.residuals(problem.start), problem.start))
 
     def score(self, fit: Fit) -> float:
-        """Return the log score of the held-out data up to a constant: minus half of chi-square."""
+        """Return the log score of the held-out data up to a constant: minus half of chi-square.
+
+        If no data are held out, it is estimated: every fitted number costs 1 [1]_, and a gain pattern the logarithm of
+        its marginal likelihood (Pattern.penalty). Chi-square includes the priors.
+
+        References
+        ----------
+        .. [1] H. Akaike, IEEE Trans. Autom. Control 19, 716, 1974.
+        """
+        if self.held_out is self.data:
+            return -0.5 * (fit.chi_square + (0.0 if fit.pattern is None else fit.pattern.penalty)) - fit.free
         return -0.5 * chi_square(self.held_weights, self.residuals(fit, held_out=True))
 
     def significant_excess(self, score: float) -> float:

@@ -1,4 +1,4 @@
-"""A fit with its held-out log score and p-value."""
+"""A fit with its log score and p-value."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .joint_fit import JointFit
 
 @dataclass(frozen=True)
 class Trial:
-    """A fit, its log score on held-out data, and the p-value of its last effect against the fit without it."""
+    """A fit, its log score (Fitter.score), and the p-value of its last effect against the fit without it."""
 
     fit: Fit
     score: float

@@ -229,10 +229,11 @@ def prepare(
         batches = (reconstruct(noise_lines(state, REALIZATIONS, branch)) for branch in seed.spawn(NULLS))
         nulls = np.concatenate([batch - HU_AIR for batch in batches])
         final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
-    data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
-    floor = _floor(white, final.correction, known_error)
-    fitter = Fitter(final, data, held_out, local_variance(white, nulls), floor)
-    return PreparedImages(fitter, white.sd**2, words, len(repeats) == 1, photons, noise_of_scan=noise_of_scan)
+    parts = zip((fitted, held, repeats), (*usable, valid), strict=True)
+    data, held_out, every = (final.condenser.observe(part, use) for part, use in parts)
+    noise = local_variance(white, nulls), _floor(white, final.correction, known_error)
+    fitter, whole = (Fitter(final, *data, *noise) for data in ((data, held_out), (every, every)))
+    return PreparedImages(fitter, whole, white.sd**2, words, len(repeats) == 1, photons, noise_of_scan=noise_of_scan)
 
 
 def _noise(

@@ -54,6 +54,11 @@ class Pattern:
     error: float
     p: float = 1.0
 
+    @property
+    def penalty(self) -> float:
+        """Twice the log likelihood that the pattern loses because its prior is wider than noise alone."""
+        return -float(np.log1p(-self.share).sum())
+
     def constants(self, residual: np.ndarray, weight: np.ndarray, sums: Sums = over_views) -> np.ndarray:
         """Return the estimates for another whitened residual, a linear function; arguments as `estimate`."""
         return self.share * self._mean(residual, weight, sums)

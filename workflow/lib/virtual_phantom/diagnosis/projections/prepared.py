@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -112,7 +113,7 @@ class PreparedScans(Prepared):
         best, least = self, np.inf
         for _ in range(MOST_MOVES):
             model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), moved)
-            corrected = replace(self, fitter=self.fitter.of(model), about=None)
+            corrected = replace(self, fitter=self.fitter.of(model), whole=self.whole.of(model), about=None)
             if name not in fit.nuisance:  # the alignment was biased by the mismatch
                 expected = {number.name: number.expected for number in model.nuisances_for(fit.effects)}
                 fit = replace(fit, nuisance=expected)
@@ -174,14 +175,14 @@ class PreparedScans(Prepared):
         stated = before_images(stated_physics(model.declared))
         place = pose_of(model.nominal.rays.nuisance)
         clean = model.chain.state(stated, place, photons=1.0, anode=model.anode).line_integrals()
-        data, held_out = (
-            _whitened(replace(half, whitening=None), correlations, clean, map(half.as_recorded, half.numerical))
-            for half in (data, self.held_out)
-        )
+        parts = [
+            _whitened(replace(part, whitening=None), correlations, clean, map(part.as_recorded, part.numerical))
+            for part in (data, self.held_out, self.whole.data)
+        ]
         now = of_state(state, apart=1).of_second_differences(has_rows(self.data.usable))
         variance = self.variance * self.second_difference / now
-        fitter = Fitter(model, data, held_out, _whitened_variance(variance, data, clean), _floor(data))
-        return replace(self, fitter=fitter, variance=variance, second_difference=now, about=None)
+        fitter, whole = _fitters(model, *parts, partial(_whitened_variance, variance, clean=clean))
+        return replace(self, fitter=fitter, whole=whole, variance=variance, second_difference=now, about=None)
 
     def linearized_at(self, fit: Fit) -> PreparedScans:
         """See Prepared.linearized_at."""
@@ -294,22 +295,21 @@ def prepare(
         correlations = of_state(chain.state(stated, place, photons=noise.photons, anode=anode))
     else:
         correlations = _correlations(taken, noise.clean, noise.variance)
-    data, held_out = (
+    parts = [
         _whitened(observe(part, noise.reference, noise.blocks, correlations), correlations, noise.clean, left)
-        for part in (fitted, held)
-    )
-    floor = _floor(data)
+        for part in (fitted, held, taken)
+    ]
     if noise.single:
-        whitened_variance = _whitened_variance(noise.variance, data, noise.clean)
+        variance_of = partial(_whitened_variance, noise.variance, clean=noise.clean)
         if noise.of_views is not None:
-            data, held_out = (with_noise_of_views(half, *noise.of_views) for half in (data, held_out))
+            parts = [with_noise_of_views(part, *noise.of_views) for part in parts]
     else:
         apart = [taken] if words == BY_VIEW else [fitted, held]
-        whitened_variance, freedom = _of_one_repeat(apart, noise.reference, noise.clean, correlations, noise.blocks)
-        more = {"block_weight_variance": 2 / np.maximum(freedom, 1)}
-        data, held_out = (replace(half, **more) for half in (data, held_out))
-        if data.whitening is not None:
-            whitened_variance = whitened_variance * data.whitening.correlations.amplification
+        variance, freedom = _of_one_repeat(apart, noise.reference, noise.clean, correlations, noise.blocks)
+        parts = [replace(part, block_weight_variance=2 / np.maximum(freedom, 1)) for part in parts]
+
+        def variance_of(part: ObservedScans) -> np.ndarray:
+            return variance if part.whitening is None else variance * part.whitening.correlations.amplification
 
     aligned = nuisances(
         # The noise of a single repeat is not fitted, so the photons need a prior.
@@ -321,9 +321,29 @@ def prepare(
     )
     label = {"anode": anode, "tube_kvp": tube_kvp, "declared": declared}
     model = ScansModel(chain, aligned, numerical=numerical, object_errors=errors, first=first, **label)
-    fitter = Fitter(model, data, held_out, whitened_variance, floor)
+    fitter, whole = _fitters(model, *parts, variance_of)
     more = {"step": step, "second_difference": noise.second_difference}
-    return PreparedScans(fitter, noise.variance, words, noise.single, noise.photons, **more)
+    return PreparedScans(fitter, whole, noise.variance, words, noise.single, noise.photons, **more)
+
+
+def _fitters(
+    model: ScansModel,
+    fitted: ObservedScans,
+    held_out: ObservedScans,
+    whole: ObservedScans,
+    variance_of: Callable[[ObservedScans], np.ndarray],
+) -> tuple[Fitter, Fitter]:
+    """Return the fitter of a part of the data, and the fitter of all data.
+
+    Parameters
+    ----------
+    variance_of : callable
+        Returns the variance of every whitened ray of one repeat for one of these data.
+    """
+    return tuple(
+        Fitter(model, data, judged, variance_of(data), _floor(data))
+        for data, judged in ((fitted, held_out), (whole, whole))
+    )
 
 
 def _floor(data: ObservedScans) -> np.ndarray:

@@ -94,6 +94,8 @@ class Prepared(ABC):
 
     Attributes
     ----------
+    fitter, whole : Fitter
+        Fits of one part of the data, scored by the rest, and fits of all data.
     variance : ndarray
         Variance of one repeat, along the data's three axes.
     single : bool
@@ -111,6 +113,7 @@ class Prepared(ABC):
     display: ClassVar[ResidualMaps]
 
     fitter: Fitter
+    whole: Fitter
     variance: np.ndarray
     held_out_text: str
     single: bool

@@ -1,4 +1,4 @@
-"""Forward selection of the effects that explain a recording, judged by held-out data, with alternative explanations."""
+"""Forward selection of the effects that explain a recording, with alternative explanations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...io.schema import defaults_of
 from ...physics.effect import applicable_effects, load
 from ..fitting.fit import Fit, Fitter
 from ..fitting.trial import Trial, effect_p_value
-from ..residuals.dataset import Change
+from ..residuals.dataset import Change, Prepared
 from ..uncertainty.model_error import Errors
 from .exchange import exchanged
 from .fit_cache import FitCache
@@ -26,7 +26,7 @@ ALPHA = 0.001
 # validation (seed 2647202001), none of 49 named effects with a share below 0.05 was hidden, but on real discs with a
 # fault (benchmarks/perturbed_discs.py, seed 5622), right ones had 0.01 to 0.03.
 LEAST_SHARE = 0.01
-LEAST_GAIN = 4.0  # log score on held-out data that an effect must add: odds of 55 to 1 for exact models; a choice
+LEAST_GAIN = 4.0  # log score that an effect must add: odds of 55 to 1 for exact models; a choice
 AS_GOOD = 3.0  # log score that an alternative explanation may lose: a factor of 20 in odds
 # Log score that an effect must lose as the best alternative to be ruled out: odds of 22,000 to 1. In the blind
 # validation (seed 2647202001), 8 of 3,144 effects that were ruled out were there, 6 of them in pairs.
@@ -53,12 +53,12 @@ class Choice:
     chosen : Trial
         Final fit of the selected effects; without effects if none is needed. Gains are differences of fits before it.
     alone : dict of str to float
-        {candidate: gain in held-out log score with this effect alone}, to first order if it has no fit in `singles`.
+        {candidate: gain in log score with this effect alone}, to first order if it has no fit in `singles`.
     gains : dict of str to float
-        {effect: held-out log score lost without it, the others refitted}.
+        {effect: log score lost without it, the others refitted}.
     alternatives : dict of str to dict of str to float
-        {effect: {alternative: held-out log score lost with the alternative in its place}}, for all candidates; to first
-        order for alternatives with a small matched filter gain, and for unconfounded effects.
+        {effect: {alternative: log score lost with the alternative in its place}}, for all candidates; to first order
+        for alternatives with a small matched filter gain, and for unconfounded effects.
     p : dict of str to float or None
         {effect: p-value of its likelihood ratio, times the number of candidates}; None: not fitted here.
     tolerance : float
@@ -98,6 +98,30 @@ class Choice:
         enough = AS_GOOD if effect in self.unconfounded else max(AS_GOOD, self.tolerance)
         return [name for name, lost in self.alternatives.get(effect, {}).items() if lost < enough]
 
+    def on_halves(self, prepared: Prepared) -> Choice:
+        """Return the choice with fits of one part of the data, whose scores and gains are those of the held-out part.
+
+        The log score that model errors may cause is in proportion to the weight of the data.
+        """
+        fitter = prepared.fitter
+
+        def again(fit: Fit, final: bool) -> Trial:
+            fit = fitter.fit(fit.effects, fit, from_farther=False, final=final)
+            return Trial(fit, fitter.score(fit), 1.0)
+
+        baseline = again(self.baseline.fit, final=True)
+        chosen = again(self.chosen.fit, final=True) if self.chosen.fit.effects else baseline
+        without = {effect: again(fit, final=False) if fit.effects else baseline for effect, fit in self.without.items()}
+        share = float(fitter.held_weights[0].sum() / prepared.whole.weights[0].sum())
+        return replace(
+            self,
+            baseline=baseline,
+            chosen=chosen,
+            gains={effect: chosen.score - rest.score for effect, rest in without.items()},
+            without={effect: rest.fit for effect, rest in without.items()},
+            tolerance=self.tolerance * share,
+        )
+
     @property
     def ruled_out(self) -> dict[str, float]:
         """Effects that the data reject as an explanation, with the log score that each loses at best.
@@ -115,14 +139,17 @@ class Choice:
 
 
 def choose(fitter: Fitter, baseline: Trial, candidates: Sequence[str], *more, **settings) -> Choice:
-    """Select the effects that explain the held-out data; arguments as ForwardSelection.of takes them."""
+    """Select the effects that explain the data; arguments as ForwardSelection.of takes them."""
     selection = ForwardSelection.of(fitter, baseline, candidates, *more, **settings)
     selection.add_effects()
     return selection.judged()
 
 
 class ForwardSelection:
-    """Forward selection by held-out log score.
+    """Forward selection by log score (Fitter.score).
+
+    The fitter of all data (Prepared.whole) detects weaker effects than one that holds half of the data out. Held-out
+    data would not reveal errors of models, which are the same in both halves.
 
     1. *Add*: matched filters rank the candidates, the best few are fitted, and the best fit is accepted while it gains
        enough log score and its likelihood ratio is significant.
@@ -155,7 +182,6 @@ class ForwardSelection:
         accuracy: Mapping[str, float] | None = None,
         cache: FitCache | None = None,
         progress: DiagnosisProgress | None = None,
-        alone: Mapping[str, Screened] | None = None,
     ) -> ForwardSelection:
         """Return the selection before any effect is added.
 
@@ -169,15 +195,13 @@ class ForwardSelection:
             Relative error of the models, {effect: share of the change that it makes in the data}, with `default` for
             other effects and `numerical` for discretization corrections. A gain that such errors may cause is neither
             evidence for another effect nor against an alternative. None: defaults of the configuration.
-        alone : mapping of str to Screened, optional
-            Matched filters of the candidates for the fit without effects, if they are known.
         """
         accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
         # Fits from other starts stay out of the cache, which holds one fit for each set of effects.
         refit = partial(trials, fitter, processes=processes, progress=progress, final=False)
         screen = partial(screened, fitter, processes=processes, progress=progress)
         fits = CandidateFits(fitter, baseline, tuple(candidates), accuracy, refit, partial(refit, cache=cache), screen)
-        fits.alone = fits.filters(baseline.fit, fits.others(())) if alone is None else alone
+        fits.alone = fits.filters(baseline.fit, fits.others(()))
         return cls(fits)
 
     def judged(self) -> Choice:
@@ -245,7 +269,7 @@ class ForwardSelection:
         self.current = self.prune(best)
 
     def prune(self, trial: Trial) -> Trial:
-        """Drop effects without which the held-out data lose less log score than is required."""
+        """Drop effects without which the data lose less log score than is required."""
         for effect in trial.fit.effects[:-1]:
             (without,) = self.fits.of([without_effect(trial.fit.effects, effect)], trial)
             if trial.score - without.score < self.required_gain(without, effect):
@@ -354,7 +378,7 @@ class ForwardSelection:
         for name, trial in fits.in_place(self.current, effect, doubtful, needed).items():
             if name not in fitted or trial.fit.chi_square < fitted[name].fit.chi_square:
                 fitted[name], losses[name] = trial, score - trial.score
-        # Fits that ended early, but whose held-out score matters, are continued.
+        # Fits that ended early, but whose score matters, are continued.
         unfinished = [name for name, one in fitted.items() if one.fit.chi_square > needed and losses[name] < enough]
         continued = fits.refit([(fitted[name].fit.effects, fitted[name]) for name in unfinished])
         for name, trial in zip(unfinished, continued, strict=True):
@@ -362,7 +386,7 @@ class ForwardSelection:
         return losses, list(fitted.values())
 
     def needed_chi_square(self, enough: float) -> float:
-        """Return the chi-square above which a fit loses more log score of held-out data than `enough`.
+        """Return the chi-square above which a fit loses more log score than `enough`.
 
         Fitted data may have more weight than held-out data. With a gain pattern, chi-square depends on its shrinkage,
         so that there is no such value.
@@ -473,7 +497,7 @@ class CandidateFits:
         return dict(zip(found, self.refit(tasks), strict=True))
 
     def gain_alone(self) -> dict[str, float]:
-        """Return the held-out log score that every candidate gains alone, to first order where it was not fitted."""
+        """Return the log score that every candidate gains alone, to first order where it was not fitted."""
         return {
             name: self.singles[name].score - self.baseline.score if name in self.singles else filtered.gain / 2
             for name, filtered in self.alone.items()

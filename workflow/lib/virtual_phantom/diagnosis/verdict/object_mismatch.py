@@ -40,12 +40,12 @@ def beyond_effects(local: Change, alone: Mapping[str, Screened]) -> bool:
     return local.gain > BEYOND * max((effect.gain / 2 for effect in alone.values()), default=0.0)
 
 
-def explains_all(local: Change, prepared: Prepared, baseline: Trial) -> bool:
-    """Return whether the corrected object explains all of a large difference."""
-    before, noise = excess(prepared, baseline.fit), np.sqrt(_count(prepared) / 2)
+def explains_all(local: Change, prepared: Prepared, aligned: Fit) -> bool:
+    """Return whether the corrected object explains all of a large difference, which a fit without effects leaves."""
+    before, noise = excess(prepared, aligned), np.sqrt(_count(prepared) / 2)
     if before < FAR * noise or local.gain < before / 2:  # the gain is of first order
         return False
-    corrected = prepared.with_mismatch(local.mismatch, baseline.fit)
+    corrected = prepared.with_mismatch(local.mismatch, aligned)
     return excess(corrected, corrected.fitter.fit(())) < NOISE * noise
 
 

@@ -48,8 +48,9 @@ class Diagnosis:
 
     Attributes
     ----------
-    choice : Choice or None
-        None if nothing was fitted, because the set-up is wrong.
+    choice, halves : Choice or None
+        Fits of all data, and of the fitted half with gains in the held-out half. None if nothing was fitted, because
+        the set-up is wrong.
     before, after : list of DomainTest
         Locations of mismatch on held-out data, with alignment alone and with the chosen effects.
     content : dict
@@ -63,6 +64,7 @@ class Diagnosis:
     """
 
     choice: Choice | None
+    halves: Choice | None
     before: list[DomainTest]
     after: list[DomainTest]
     content: dict
@@ -75,6 +77,7 @@ def diagnose(
     recording: str,
     prepared: Prepared,
     choice: Choice,
+    halves: Choice | None = None,
     corrected: Sequence[Change] = (),
     changes: ChangesOfFits | None = None,
     tried: Sequence[str] = (),
@@ -83,12 +86,17 @@ def diagnose(
 
     Parameters
     ----------
+    choice : Choice
+        Selection by fits of all data.
+    halves : Choice, optional
+        Its fits of the fitted half (Choice.on_halves); None: `choice` has these fits already.
     corrected : sequence of Change, optional
         Local object mismatches that were corrected before the fit.
     changes : ChangesOfFits, optional
         Cache that holds the changes computed in the selection.
     """
     fitter, changes = prepared.fitter, changes or ChangesOfFits()
+    whole, halves = (fitter, choice) if halves is None else (prepared.whole, halves)
 
     def kinds(fit):
         return changes(prepared, fit, choice.numerical)
@@ -100,20 +108,20 @@ def diagnose(
         # Other domains come before kinds of change, which have no location.
         return sorted(found, key=lambda place: (not place.significant, place.domain == KINDS))
 
-    inexact = max(LEAST_GAIN, choice.tolerance)
-    before, after = places(choice.baseline.fit, LEAST_GAIN), places(choice.chosen.fit, inexact)
+    inexact = max(LEAST_GAIN, halves.tolerance)
+    before, after = places(halves.baseline.fit, LEAST_GAIN), places(halves.chosen.fit, inexact)
     effects, errors = choice.chosen.fit.effects, _errors(choice)
     left = [place for place in after if place.significant]
-    removed = excess_removed(prepared, choice.baseline, choice.chosen, left) if effects else None
+    removed = excess_removed(prepared, halves.baseline, halves.chosen, left) if effects else None
     metrics = {
-        "fit": metrics_of(prepared, choice, held_out=False),
-        "held_out": metrics_of(prepared, choice, held_out=True),
+        "fit": metrics_of(prepared, halves, held_out=False),
+        "held_out": metrics_of(prepared, halves, held_out=True),
     }
     rms = metrics["held_out"][f"rms_{prepared.display.unit}"]
     doubted = doubts(choice, fitter.model, metrics["held_out"])
     known = statements(choice.chosen.fit, fitter.model, errors.physics)
-    beside = {name: kinds(fit) for name, fit in choice.without.items()}
-    outside = better_changes(choice, beside, max(AS_GOOD, choice.tolerance))
+    beside = {name: kinds(fit) for name, fit in halves.without.items()}
+    outside = better_changes(halves, beside, max(AS_GOOD, halves.tolerance))
     off = any(parameter["off"] for parameters in known.values() for parameter in parameters.values())
     explained = bool(effects) or off
     verdict = verdict_of(explained, bool(left or (explained and (doubted or outside))))
@@ -121,18 +129,18 @@ def diagnose(
     if effects and set(effects) == set(at_bounds):
         verdict = UNEXPLAINED
     from_another = any(choice.p.get(name, 0.0) is None for name in effects)  # its physics is not free
-    alternatives = {} if from_another else object_alternatives(fitter, choice)
-    object_errors = {} if effects or left else imitating_effects(fitter, choice.baseline, tried)
+    alternatives = {} if from_another else object_alternatives(fitter, halves)
+    object_errors = {} if effects or left else imitating_effects(whole, choice.baseline, tried)
     like_object = [*alternatives, *object_errors.get("imitated_by", [])]
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}
     content = {
         "recording": recording,
         "verdict": verdict,
         "locations": [_location(place) for place in before],
-        "effects": [_effect(name, choice, fitter.model) for name in effects],
+        "effects": [_effect(name, choice, halves.gains[name], fitter.model) for name in effects],
         "ambiguous_with": ambiguous,
         "outside": {
-            name: {"what": change.words, "better_by": change.gain - choice.gains[name], "z": change.z}
+            name: {"what": change.words, "better_by": change.gain - halves.gains[name], "z": change.z}
             for name, change in outside.items()
         },
         "object_alternatives": alternatives,
@@ -146,7 +154,7 @@ def diagnose(
         **metrics,
         "excess_removed": removed,
         "excess_rms_removed": excess_rms_removed(**rms) if effects else None,
-        "remainder_sd": remainder_sd(prepared, choice.chosen),
+        "remainder_sd": remainder_sd(prepared, halves.chosen),
         "unexplained": [_location(place) for place in left],
         "doubts": doubted,
         "at_bounds": at_bounds,
@@ -157,10 +165,10 @@ def diagnose(
         "caveats": caveats(prepared, choice, fitter.model.tube_kvp, left),
     }
     if choice.mismatch is not None:
-        content["object"] = content_of([choice.mismatch], excess(prepared, choice.baseline.fit))
+        content["object"] = content_of([choice.mismatch], excess(prepared, halves.baseline.fit))
     elif corrected:
         content["object"] = content_of(corrected)
-    return Diagnosis(choice, before, after, with_verdict_text(content, recording_lines(content)), prepared)
+    return Diagnosis(choice, halves, before, after, with_verdict_text(content, recording_lines(content)), prepared)
 
 
 def unfitted_diagnosis(
@@ -183,7 +191,7 @@ def unfitted_diagnosis(
         **dict.fromkeys(("excess_removed", "excess_rms_removed", "remainder_sd")),
         "held_out_data": "none",
     }
-    return Diagnosis(None, [], [], with_verdict_text(empty | content, lines), setup=shown)
+    return Diagnosis(None, None, [], [], with_verdict_text(empty | content, lines), setup=shown)
 
 
 def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[DomainTest]) -> float | None:
@@ -282,7 +290,7 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     return {key: value for key, value in found.items() if value}
 
 
-def _effect(name: str, choice: Choice, model: Model) -> dict:
+def _effect(name: str, choice: Choice, held_out_gain: float, model: Model) -> dict:
     effect, fit, errors = load(name), choice.chosen.fit, _errors(choice).physics
     known = {parameter.name: parameter for parameter in (*effect.parameters, *model.parameters(name))}
     parameters = {}
@@ -296,7 +304,7 @@ def _effect(name: str, choice: Choice, model: Model) -> dict:
         "name": name,
         "physics": effect.physics,
         "parameters": parameters,
-        "evidence": {"held_out_gain": choice.gains[name], "p": choice.p[name]},
+        "evidence": {"held_out_gain": held_out_gain, "p": choice.p[name]},
     }
 
 
