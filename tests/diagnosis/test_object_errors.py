@@ -305,16 +305,16 @@ def test_errors_of_surfaces_are_linearized_again_at_a_fit_unless_it_lacks_physic
         return replace(data, about=lambda fit: linearized(larger_mm, fit))
 
     data = linearized(0.5)
-    fit = data.fitter.fit(())
-    again = data.linearized_at(fit)
+    fit = data.whole.fit(())
+    again = data.linearized_at(fit, 8.0)
     assert again is not data
-    better = again.fitter.fit((), fit)
+    better = again.whole.fit((), fit)
     assert better.chi_square < fit.chi_square - 500
     assert better.nuisance["surface_of_water"] == pytest.approx(0.5, abs=0.02)
-    assert again.linearized_at(better) is again
+    assert again.linearized_at(better, 8.0) is again
     wrong = linearized(1.0)
-    assert wrong.linearized_at(wrong.fitter.fit(())) is wrong
-    assert replace(data, about=None).linearized_at(fit).about is None
+    assert wrong.linearized_at(wrong.whole.fit(()), 8.0) is wrong
+    assert replace(data, about=None).linearized_at(fit, 8.0).about is None
 
 
 def test_displaced_surfaces_of_voxels_follow_a_grown_disc():

@@ -41,9 +41,9 @@ ASKED = DiagnosisRequest("nowhere", from_mapping(RecordingSettings, SECTION), 0.
 FINELY = 3  # rays per pixel and direction of the scan
 
 
-def recorded(folder, physics, photons=2e5, geometry=GEOMETRY):
+def recorded(folder, physics, photons=2e5, geometry=GEOMETRY, larger_mm=0.0):
     """Four repeats of the ACR module, written as a recording."""
-    chain = Chain(scene_of(ASKED), geometry, photons=photons, samples=FINELY)
+    chain = Chain(body(larger_mm), geometry, photons=photons, samples=FINELY)
     lines = noisy_lines(chain.state(checked(physics)), 4, np.random.default_rng(3))
     names = [f"{number}.h5" for number in range(4)]
     for name, one in zip(names, lines, strict=True):
@@ -119,6 +119,17 @@ def test_errors_of_surfaces_are_those_of_the_fitted_geometry(tmp_path):
     change = (larger.line_integrals() - smaller.line_integrals()) / step_mm / 2
     found = model.object_errors.changes[model.object_errors.names.index(outer)]
     assert np.linalg.norm(found - change) < 0.03 * np.linalg.norm(change)  # 11 % in the stated geometry
+
+
+def test_source_distance_is_fitted_beside_a_wrong_surface(tmp_path):
+    """Errors of surfaces are linearized at the fitted distances. Where a fit without effects puts them, errors of the
+    distances are 0.6 and 2.8 mm."""
+    true = {"isocentre_mm": 12.0, "detector_mm": 4.0}
+    scan = recorded(tmp_path, {"source_distance": true}, photons=1e6, larger_mm=-0.3)
+    found = vp.diagnose(scan, shapes="acr464_module1", samples=2, effects=["source_distance"], check_setup=False)
+    (effect,) = found.content["effects"]
+    fitted = {name: parameter["value"] for name, parameter in effect["parameters"].items()}
+    assert fitted["isocentre_mm"] == pytest.approx(12.0, abs=0.2) and fitted["detector_mm"] == pytest.approx(4, abs=0.8)
 
 
 def test_modeled_object_is_described():

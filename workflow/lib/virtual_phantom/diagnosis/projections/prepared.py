@@ -40,7 +40,6 @@ SETTLED = 1.0  # gain in chi-square that ends the refinement
 # Standard deviations of a surface beyond which physics is missing rather than the object wrong. The stated surfaces are
 # then kept.
 MOST_PULL = 3.0
-MOST_LINEARIZATION_ERROR = 8.0  # chi-square of the least gain of an effect (forward_selection.LEAST_GAIN)
 DISPLAY = ResidualMaps(
     unit="line_integral",
     summed=1,
@@ -184,16 +183,16 @@ class PreparedScans(Prepared):
         fitter, whole = _fitters(model, *parts, partial(_whitened_variance, variance, clean=clean))
         return replace(self, fitter=fitter, whole=whole, variance=variance, second_difference=now, about=None)
 
-    def linearized_at(self, fit: Fit) -> PreparedScans:
+    def linearized_at(self, fit: Fit, most_error: float) -> PreparedScans:
         """See Prepared.linearized_at."""
         if self.about is None or self._surfaces_stay(fit) or largest_surface_pull(fit) > MOST_PULL:
             return self
         again = self.about(fit)
         expected = {number.name: number.expected for number in again.fitter.model.base_nuisances}
-        there = again.fitter.predicted(replace(fit, nuisance=expected | fit.nuisance))
-        change = there.mean - self.fitter.predicted(fit).mean
-        error = float((again.fitter.weights[0] * self.data.whitened(change).ravel() ** 2).sum())
-        return again if error > MOST_LINEARIZATION_ERROR else self
+        there = again.whole.predicted(replace(fit, nuisance=expected | fit.nuisance))
+        change = there.mean - self.whole.predicted(fit).mean
+        error = float((again.whole.weights[0] * self.whole.data.whitened(change).ravel() ** 2).sum())
+        return again if error > most_error else self
 
     def _surfaces_stay(self, fit: Fit) -> bool:
         """Return whether a fit leaves surfaces and object where errors are linearized, or whether there are none."""

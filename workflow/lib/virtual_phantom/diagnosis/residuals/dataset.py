@@ -201,8 +201,14 @@ class Prepared(ABC):
         """Return the recording with the noise correlations of a fit, if the recording does not determine them."""
         return self
 
-    def linearized_at(self, fit: Fit) -> Prepared:
-        """Return the recording with errors of the object linearized at a fit; itself if this changes nothing."""
+    def linearized_at(self, fit: Fit, most_error: float) -> Prepared:
+        """Return the recording with errors of the object linearized at a fit; itself if it needs no change.
+
+        Parameters
+        ----------
+        most_error : float
+            Chi-square of the change of the fit's prediction, up to which the recording stays as it is.
+        """
         return self
 
     def caveats(self, fit: Fit) -> list[str]:

@@ -103,7 +103,11 @@ class Choice:
 
         The log score that model errors may cause is in proportion to the weight of the data.
         """
-        fitter = prepared.fitter
+        share = float(prepared.fitter.held_weights[0].sum() / prepared.whole.weights[0].sum())
+        return replace(self.refitted(prepared.fitter), tolerance=self.tolerance * share)
+
+    def refitted(self, fitter: Fitter) -> Choice:
+        """Return the choice with fits, scores and gains by another fitter; alternatives and p-values stay."""
 
         def again(fit: Fit, final: bool) -> Trial:
             fit = fitter.fit(fit.effects, fit, from_farther=False, final=final)
@@ -112,14 +116,12 @@ class Choice:
         baseline = again(self.baseline.fit, final=True)
         chosen = again(self.chosen.fit, final=True) if self.chosen.fit.effects else baseline
         without = {effect: again(fit, final=False) if fit.effects else baseline for effect, fit in self.without.items()}
-        share = float(fitter.held_weights[0].sum() / prepared.whole.weights[0].sum())
         return replace(
             self,
             baseline=baseline,
             chosen=chosen,
             gains={effect: chosen.score - rest.score for effect, rest in without.items()},
             without={effect: rest.fit for effect, rest in without.items()},
-            tolerance=self.tolerance * share,
         )
 
     @property
