@@ -233,7 +233,7 @@ def apply_known_physics(
         return choice.chosen.fit, lambda: choice
 
     prepared, choice = _settled(prepared, begin, cache)
-    found = diagnose(name, prepared, choice, choice)
+    found = diagnose(name, prepared, choice)
     return replace(found, content=with_physics_source(found.content, physics))
 
 

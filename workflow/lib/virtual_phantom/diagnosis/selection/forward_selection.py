@@ -98,30 +98,35 @@ class Choice:
         enough = AS_GOOD if effect in self.unconfounded else max(AS_GOOD, self.tolerance)
         return [name for name, lost in self.alternatives.get(effect, {}).items() if lost < enough]
 
+    def refitted(self, fitter: Fitter) -> Choice:
+        """Return the choice with fits by another fitter; scores and gains stay."""
+
+        def again(fit: Fit, final: bool = True) -> Fit:
+            return fitter.fit(fit.effects, fit, from_farther=False, final=final)
+
+        baseline = again(self.baseline.fit)
+        chosen = again(self.chosen.fit) if self.chosen.fit.effects else baseline
+        return replace(
+            self,
+            baseline=replace(self.baseline, fit=baseline),
+            chosen=replace(self.chosen, fit=chosen),
+            without={name: again(fit, final=False) if fit.effects else baseline for name, fit in self.without.items()},
+        )
+
     def on_halves(self, prepared: Prepared) -> Choice:
         """Return the choice with fits of one part of the data, whose scores and gains are those of the held-out part.
 
         The log score that model errors may cause is in proportion to the weight of the data.
         """
-        share = float(prepared.fitter.held_weights[0].sum() / prepared.whole.weights[0].sum())
-        return replace(self.refitted(prepared.fitter), tolerance=self.tolerance * share)
-
-    def refitted(self, fitter: Fitter) -> Choice:
-        """Return the choice with fits, scores and gains by another fitter; alternatives and p-values stay."""
-
-        def again(fit: Fit, final: bool) -> Trial:
-            fit = fitter.fit(fit.effects, fit, from_farther=False, final=final)
-            return Trial(fit, fitter.score(fit), 1.0)
-
-        baseline = again(self.baseline.fit, final=True)
-        chosen = again(self.chosen.fit, final=True) if self.chosen.fit.effects else baseline
-        without = {effect: again(fit, final=False) if fit.effects else baseline for effect, fit in self.without.items()}
+        fitter, found = prepared.fitter, self.refitted(prepared.fitter)
+        baseline, chosen = (replace(one, score=fitter.score(one.fit)) for one in (found.baseline, found.chosen))
+        share = float(fitter.held_weights[0].sum() / prepared.whole.weights[0].sum())
         return replace(
-            self,
+            found,
             baseline=baseline,
             chosen=chosen,
-            gains={effect: chosen.score - rest.score for effect, rest in without.items()},
-            without={effect: rest.fit for effect, rest in without.items()},
+            gains={effect: chosen.score - fitter.score(fit) for effect, fit in found.without.items()},
+            tolerance=self.tolerance * share,
         )
 
     @property
