@@ -27,7 +27,6 @@ from virtual_phantom.proof.hiding.hidden_effect import EQUATIONS
 from virtual_phantom.proof.scoring import registration
 from virtual_phantom.proof.scoring.collect import collect
 from virtual_phantom.proof.scoring.record import coverage_table, filled, table_of
-from virtual_phantom.proof.scoring.rule import VERSION
 from virtual_phantom.proof.scoring.score import score
 from virtual_phantom.report.html import render_diagnosis
 from virtual_phantom.statistics.proof_record import read_proof_record, with_coverage
@@ -191,7 +190,7 @@ def test_registered_run_is_added_once_and_fills_the_pages(record, run, command, 
     code, text = command(path, "add", run / "score.json", "--note", "first")
     assert code == 0 and path.read_text().startswith(before)
     added = read_proof_record(path)[1]
-    assert (added.seed, added.commit, added.cases, added.rule) == (SEED, COMMIT, 9, VERSION)
+    assert (added.seed, added.commit, added.cases, added.rule) == (SEED, COMMIT, 9, 4)
     assert added.attempts == {"registered": 1, "resumed": 1, "failed": 1, "scored": 0}
     assert added.counts["first_medium_or_strong"] == (1.5, 2) and added.own["first_weak"] == (0, 1)
     assert added.coverage["scatter"] == (1, 2) and "first_weak" not in added.counts

@@ -182,8 +182,9 @@ def find_missing_physics(
     def begin(given: Prepared, cache: FitCache | None) -> Begun:
         (baseline,) = trials(given.whole, [((),)], cache=cache)
         progress.reached(ALIGNED)
-        aligned, local = given.fitter.fit((), baseline.fit), None
+        local = None
         if len(corrected) < MOST_MISMATCHES:
+            aligned = given.fitter.fit((), baseline.fit)
             local = differing(changes(given, aligned, numerical))
         if local is not None and corrected and not may_be_corrected(local):
             local = None  # too wide to be corrected: select effects with the object as corrected so far

@@ -231,8 +231,8 @@ def prepare(
         final.condenser = Condenser(white, nulls, REALIZATIONS, expected)
     parts = zip((fitted, held, repeats), (*usable, valid), strict=True)
     data, held_out, every = (final.condenser.observe(part, use) for part, use in parts)
-    noise = local_variance(white, nulls), _floor(white, final.correction, known_error)
-    fitter, whole = (Fitter(final, *data, *noise) for data in ((data, held_out), (every, every)))
+    errors = local_variance(white, nulls), _floor(white, final.correction, known_error)
+    fitter, whole = (Fitter(final, *pair, *errors) for pair in ((data, held_out), (every, every)))
     return PreparedImages(fitter, whole, white.sd**2, words, len(repeats) == 1, photons, noise_of_scan=noise_of_scan)
 
 
