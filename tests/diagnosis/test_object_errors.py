@@ -12,6 +12,7 @@ from simulated_scans import disc_bench, scans_of
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.pose import IN_PLACE
 from virtual_phantom.base.units import hu_to_attenuation
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.planning.information import information_gain, normal_equations
@@ -388,6 +389,29 @@ def test_the_error_of_displaced_surfaces_of_voxels_is_the_stated_one(by_mm):
     assert found.mean() == pytest.approx(expected.mean(), rel=0.1)
     stated_sd = errors.left / np.sqrt(fine.rows)  # the rows share the error
     assert 0.4 < np.sqrt(((found - expected) ** 2).mean() / (stated_sd**2).mean()) < 1.2
+
+
+@pytest.mark.parametrize("radius", [60.3, 60.7, 61.1])
+def test_sharp_edges_of_labels_have_line_integrals_in_closed_form(radius):
+    """The radius of a disc does not follow exactly from its voxels, so a change of the radius is fitted."""
+    along = (np.arange(100) - 49.5) * 1.5
+    labels = np.broadcast_to(np.hypot(along, along[:, None]) < radius, (8, 100, 100)).astype(np.float32)
+    fine = replace(GEOMETRY, columns=61, column_pitch_mm=4.5, row_pitch_mm=2.0)
+    scene = VoxelScene(labels[None], Grid((8, 100, 100), (1.5,) * 3), ("water",), ENERGY_KEV)
+    stated, about = StatedObject(scene, ObjectUncertainty(), MU_WATER), {"edge_blur": 0.0}
+    change = stated.errors(fine, 2, about=about).edges.at(IN_PLACE)["finer_edges"]
+
+    def lines(fitted):
+        return Chain(fitted, fine, samples=4).state({}).line_integrals()
+
+    smaller, exact, larger = (
+        lines(ShapesScene([cylinder("water", (0, 0, 0), one)], ENERGY_KEV)) for one in radius + np.array([-0.1, 0, 0.1])
+    )
+    at_edge = np.abs(change).mean(axis=(0, 1)) > 1e-3
+    slope, left = (larger - smaller)[..., at_edge].ravel(), (lines(stated.with_surfaces(about)) + change - exact)
+    left = left[..., at_edge].ravel()
+    left -= (left @ slope) / (slope @ slope) * slope
+    assert np.sqrt((left**2).mean()) < 0.003 < 0.25 * np.sqrt((change[..., at_edge] ** 2).mean())
 
 
 def test_object_errors_of_opaque_metal_are_finite():

@@ -52,6 +52,10 @@ EDGES = {
 # Parts of voxels, a third of a pixel wide at the isocenter; those of labels half as wide in the plane. In a bench
 # object with voxels of a third of a pixel, line integrals are then wrong by 0.0008 (RMS), else by 0.0015.
 PARTS_PER_PIXEL, PARTS_PER_PIXEL_OF_LABELS = (3, 3, 3), (3, 6, 6)
+# Rays per pixel along the columns for changes at edges of voxels. With 2, line integrals at the edge of a disc had
+# errors of up to 0.009 (RMS), equal in all views if it is centered, and fitted source distances were up to ten standard
+# deviations off. With 8, errors are 0.002, as with 16.
+EDGE_RAYS = 8
 MOST_PARTS, WIDER = 4, 0.1  # a part may be wider by this share, so that a fitted magnification changes nothing
 MOST_VOXELS = 5e7  # of a divided object, with 20 bytes each
 # Variance of the attenuation in a voxel of shares or HU that remains unknown, relative to GridScene.variance. (Labels
@@ -151,8 +155,8 @@ class Edges:
 
         def make() -> dict[str, np.ndarray]:
             ends = {name: EDGES[name][:2] for name in self.names}
-            lines = {scene: self._lines(scene, pose) for scene in dict.fromkeys(chain.from_iterable(ends.values()))}
-            return {name: lines[end] - lines[start] for name, (start, end) in ends.items()}
+            passed = {scene: self._mean(scene, pose, _transmission) for scene in {*chain.from_iterable(ends.values())}}
+            return {name: np.log(passed[start] / passed[end]) for name, (start, end) in ends.items()}
 
         return self._cache.get(pose, make)
 
@@ -162,14 +166,19 @@ class Edges:
         Neighboring rays share errors. Weights of rays count them as independent, so the variance is multiplied by the
         number of rays that vary together, which the change by sharp edges shows.
         """
-        variance = self._object.unknown_mm * self._lines("variance", pose)
-        change = self._lines("rough", pose) - self._lines("stated", pose)
+        variance = self._object.unknown_mm * self._mean("variance", pose)
+        change = self._mean("rough", pose) - self._mean("stated", pose)
         there = variance > EDGE_SHARE * variance.max()
         scaled = np.divide(change, np.sqrt(variance), out=np.zeros_like(variance), where=there)
         return np.sqrt(variance * np.prod([together(scaled, axis) for axis in range(3)]))
 
-    def _lines(self, name: str, pose: Pose) -> np.ndarray:
-        return _lengths(self._object.scenes[name], self._geometry, self._samples, pose)[0]
+    def _mean(self, name: str, pose: Pose, function: Callable = np.asarray) -> np.ndarray:
+        """Return the mean of a function of the line integrals of a scene over each pixel."""
+
+        def of_rays(rays: ScanGeometry) -> np.ndarray:
+            return function(self._object.scenes[name].path_lengths(rays, pose)[0])
+
+        return _over_pixels(of_rays, self._geometry, self._samples, finely=True).astype(np.float32)
 
 
 def unknown_variance(labels: GridScene, best: GridScene) -> GridScene:
@@ -469,7 +478,7 @@ class StatedObject:
             passed = np.concatenate([_transmission(end.path_lengths(rays, pose)) for end in ends])
             return np.concatenate([changing.path_lengths(rays, pose) * passed[0], passed])
 
-        sums = _over_pixels(transmitted, geometry, samples).astype(np.float32)
+        sums = _over_pixels(transmitted, geometry, samples, finely=True).astype(np.float32)
         changes = sums[:-2] / sums[-2]
         linear = np.tensordot(list(by_mm.values()), changes[len(errors) :], 1)
         change = np.log(sums[-1] / sums[-2])
@@ -572,9 +581,18 @@ def _lengths(scene: Scene, geometry: ScanGeometry, samples: int, pose: Pose) -> 
     return _mean(lambda paths: paths, scene, geometry, samples, pose).astype(np.float32)
 
 
-def _over_pixels(of_rays: Callable[[ScanGeometry], np.ndarray], geometry: ScanGeometry, samples: int) -> np.ndarray:
-    """Return the mean of a function of rays over each pixel, shape (..., views, rows, columns)."""
-    return sum(average_rays(of_rays(rays), weights) for rays, weights in supersampled(geometry, samples))
+def _over_pixels(
+    of_rays: Callable[[ScanGeometry], np.ndarray], geometry: ScanGeometry, samples: int, finely: bool = False
+) -> np.ndarray:
+    """Return the mean of a function of rays over each pixel, shape (..., views, rows, columns).
+
+    Parameters
+    ----------
+    finely : bool, optional
+        Whether columns have EDGE_RAYS, unless a single ray stands for a pixel.
+    """
+    of_columns = EDGE_RAYS if finely and samples > 1 else None
+    return sum(average_rays(of_rays(rays), weights) for rays, weights in supersampled(geometry, samples, of_columns))
 
 
 def _mean(

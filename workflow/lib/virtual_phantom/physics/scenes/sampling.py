@@ -120,20 +120,22 @@ class SupersampledScan:
         return ScanGeometry.bundles(self)
 
 
-def supersampled(geometry: ScanGeometry, samples: int) -> list[tuple[ScanGeometry | SupersampledScan, np.ndarray]]:
+def supersampled(
+    geometry: ScanGeometry, samples: int, of_columns: int | None = None
+) -> list[tuple[ScanGeometry | SupersampledScan, np.ndarray]]:
     """Return scans with the rays of `pixel_quadrature`, each with as many rays as fit into memory.
 
     Parameters
     ----------
-    samples : int
-        Rays per pixel and direction.
+    samples, of_columns : int
+        See `pixel_quadrature`.
 
     Returns
     -------
     list of tuple
         (scan, weights of its rays, shape (rows, columns) of rays per pixel).
     """
-    quadrature = pixel_quadrature(samples, geometry.rows > 1)
+    quadrature = pixel_quadrature(samples, geometry.rows > 1, of_columns)
     if len(quadrature) == 1:
         return [(geometry, np.ones((1, 1)))]
     columns, rows = (sorted({point[axis] for point, _ in quadrature}) for axis in (0, 1))
