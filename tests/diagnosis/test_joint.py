@@ -141,7 +141,7 @@ def test_unfitted_recording_is_predicted_by_the_physics_of_the_others(fitters, j
     together = JointFitter(fitters)
     for name, one in fitters.items():
         plain = one.score(one.fit(()))
-        held_out = together.left_out([name], ("scatter",), joint)[name]
+        held_out = together.left_out([name], joint)[name]
         assert one.score(held_out) > plain + 10
         assert held_out.free == 0
 
@@ -269,7 +269,7 @@ def test_effects_of_each_scan_are_not_shared(drifting):
     assert abs(level - 2e3) < 4 * error
     assert both.physics["dark_signal"]["drift_units_per_s"] == 0
     for name, drift in OWN_DRIFTS.items():
-        fit, left = both.fits[name], together.left_out([name], ("dark_signal",), both)[name]
+        fit, left = both.fits[name], together.left_out([name], both)[name]
         assert fit.physics["dark_signal"]["level_units"] == level
         found, error = (one["dark_signal"]["drift_units_per_s"] for one in (fit.physics, fit.errors))
         assert abs(found - drift) < 4 * error < 500
@@ -322,11 +322,11 @@ def test_held_out_recording_takes_its_protocol_parameters_from_others_or_itself(
     fitters = {name: one.fitter for name, one in collimated.items()}
     together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
     fit = together.fit(("scatter",))
-    left = together.left_out(["further"], ("scatter",), fit)["further"]
+    left = together.left_out(["further"], fit)["further"]
     assert left.free == 0 and left.elsewhere == {"scatter": ["amount", "width_mm"]}
     assert left.physics["scatter"]["amount"] == pytest.approx(0.07, rel=0.05)
     single = together.without(["middle"])
-    left = single.left_out(["further"], ("scatter",), single.fit(("scatter",), fit))["further"]
+    left = single.left_out(["further"], single.fit(("scatter",), fit))["further"]
     assert left.free == 1 and left.elsewhere == {"scatter": ["width_mm"]}
     assert left.physics["scatter"]["amount"] == pytest.approx(0.07, rel=0.05)
 

@@ -130,7 +130,7 @@ def test_declared_parameters_are_taken_from_the_other_recordings():
     stated = {"scatter": {"amount": {"value": 0.02, "sd": 0.01}, "width_mm": {"value": 60.0, "sd": 1.0}}}
     together = JointFitter({name: prepare_recording(name, SCATTER, 9, stated).fitter for name in DISCS})
     both = together.fit(())
-    left = together.left_out(["small"], (), both)["small"]
+    left = together.left_out(["small"], both)["small"]
     others = together.without(["small"]).fit((), both)
     assert left.free == 0 and left.physics["scatter"] == pytest.approx(others.physics["scatter"], rel=1e-3)
     assert left.errors["scatter"] == pytest.approx(others.fits["large"].errors["scatter"], rel=0.01)
@@ -140,7 +140,7 @@ def test_declared_parameters_are_taken_from_the_other_recordings():
 def test_parameters_from_other_recordings_have_correlated_errors():
     """Amount and width of scatter are correlated over noise realizations, as the covariance states."""
     together = JointFitter({name: prepare_recording(name, SCATTER).fitter for name in ("large", "small")})
-    left = together.left_out(["small"], ("scatter",), together.fit(("scatter",)))["small"]
+    left = together.left_out(["small"], together.fit(("scatter",)))["small"]
     rows = {key: np.array(row) for key, row in left.directions["scatter"].items()}
     numbers = {unknown.name: unknown for unknown in together.fitters["large"].model.unknowns(("scatter",))}
     for key, row in rows.items():
@@ -158,7 +158,7 @@ def test_correlated_errors_change_a_recording_less_than_independent_errors():
     """A voltage and a sensor thickness are known much better together than each alone."""
     spectrum = {"spectrum": {"kvp": 100.0, "filtration_mm": 6.0, "sensor_mm": 0.6}}
     together = JointFitter({name: prepare_recording(name, spectrum).fitter for name in ("large", "small")})
-    left = together.left_out(["small"], ("spectrum",), together.fit(("spectrum",)))["small"]
+    left = together.left_out(["small"], together.fit(("spectrum",)))["small"]
     moved, scatter_amounts = (
         (changes_by_parameter_errors(together.fitters["small"], fit)[0] ** 2).sum()
         for fit in (left, replace(left, directions={}))
@@ -168,5 +168,5 @@ def test_correlated_errors_change_a_recording_less_than_independent_errors():
 
 def test_one_recording_plus_test_recordings_is_too_few():
     made = {name: prepare_recording(name, SCATTER) for name in ("large", "small")}
-    with pytest.raises(InputError, match="needs two recordings"):
+    with pytest.raises(InputError, match=r"diagnosis\.scanners\.bench\.recordings: needs two recordings"):
         run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, judged_on=["small"])

@@ -199,7 +199,10 @@ class Effect:
         (frequencies per mm, values by name): factor of the MTF, if the effect is a filter of the reconstruction.
         Filtered back-projection applies it to projections, because images contain aliased frequencies.
     pattern : bool
-        Whether one unknown per detector pixel is fitted in addition to the parameters (rings).
+        Whether one unknown per detector pixel is fitted in place of the parameters (rings).
+    uneven : bool
+        Whether the dark signal of this effect differs between pixels, so that one relative deviation per pixel is
+        fitted in addition to the parameters.
     beside : str or None
         Effect that must be present: without it, this effect does nothing or cannot be distinguished from it.
     rank : int
@@ -233,6 +236,7 @@ class Effect:
     apply: Callable
     mtf: Callable | None = None
     pattern: bool = False
+    uneven: bool = False
     rank: int = 0
     beside: str | None = None
     needs: tuple[str, ...] = ()

@@ -166,6 +166,12 @@ class State:
         """Return -ln(signal / air) of the mean signals, float64, shape (views, rows, columns)."""
         return -np.log(self.measured / self.measured_air)
 
+    def change_by_dark_signal(self) -> np.ndarray:
+        """Return the change of the line integrals per relative change of a pixel's dark signal, as they are shaped."""
+        dark = 0.0 if self.dark is None else self.dark / self.unit
+        change = self.dark_air / self.unit / self.measured_air - dark / self._mean_reading
+        return np.broadcast_to(self._correction_slope * change, self.signal.shape)
+
     def variance(self) -> np.ndarray:
         """Return the variance of the line integrals to first order: variance of the signal over its mean squared."""
         quantum, electronic = self._noise_parts()

@@ -120,7 +120,7 @@ def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.
     """
     state = prepared.fitter.predicted(fit, held_out=True).state
     air = state.measured_air * state.photons
-    pattern = 0.0 if fit.pattern is None else fit.pattern.values
+    pattern = 0.0 if fit.pattern is None else fit.pattern.over_data(fit.pattern.values)
     transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))
     scale, offset = fit.nuisance["scale"], fit.nuisance["offset"]
     lines = (offset + pattern - scale * np.log(transmission) for transmission in transmissions)

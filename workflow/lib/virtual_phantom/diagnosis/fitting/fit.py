@@ -51,7 +51,7 @@ class Fit:
     corrected : float
         Chi-square of the corrections for numerical errors.
     pattern : Pattern or None
-        Gain pattern, added to line integrals.
+        Pattern of pixels, added to line integrals.
     """
 
     effects: tuple[str, ...]
@@ -70,9 +70,9 @@ class Fit:
     pattern: Pattern | None = field(default=None, repr=False)
 
     @property
-    def pattern_variance(self) -> np.ndarray | None:
-        """Variance of the constants of the gain pattern (Pattern.variance); None without a pattern."""
-        return None if self.pattern is None else self.pattern.variance
+    def deviance(self) -> float:
+        """Chi-square plus the penalty of a pattern: minus twice the log likelihood, up to a constant."""
+        return self.chi_square + (0.0 if self.pattern is None else self.pattern.penalty)
 
     @classmethod
     def at(cls, problem: Problem, point: np.ndarray, errors: np.ndarray | None, residuals: Sequence[np.ndarray]) -> Fit:
@@ -103,7 +103,7 @@ class Fit:
             nuisance_errors=dict(zip(nuisance, ends, strict=False)),
             chi_square=problem.chi_square(residuals, point),
             parts=tuple(float((w * r**2).sum()) for w, r in zip(problem.weights, residuals, strict=True)),
-            free=count + problem.patterned,
+            free=count + bool(problem.pattern and problem.pattern.rms),
             elsewhere={name: list(model.fixed[name]) for name in problem.all_effects if name in model.fixed},
             pulls={
                 number.name: float(number.pull(nuisance[number.name]))
@@ -201,19 +201,22 @@ class Fitter:
         data = self.held_out if held_out else self.data
         mean, *rest = data.residuals(self.predicted(fit, held_out))
         if fit.pattern is not None:
-            mean = (mean.reshape(data.mean.shape) - data.whitened(data.pattern_field(fit.pattern.values))).ravel()
+            change = fit.pattern.over_data(data.pattern_field(fit.pattern.values))
+            mean = (mean.reshape(data.mean.shape) - data.whitened(change)).ravel()
         return [mean, *rest]
 
     def comparable(self, fit: Fit, without: Fit) -> Fit:
-        """Return a fit with its chi-square by the priors of the gain pattern of the fit without its last effect.
+        """Return a fit with the pattern of the fit without its last effect, and with its chi-square by this pattern.
 
         An effect that explains a part of the pattern makes the priors narrower, which would raise chi-square.
         """
-        if without.pattern is None:
+        kinds = [one.pattern is not None and one.pattern.per_constant is not None for one in (fit, without)]
+        if without.pattern is None or kinds[0] != kinds[1]:
             return fit
         problem = Problem.at(self, fit)
         problem.pattern = without.pattern
-        return replace(fit, chi_square=problem.chi_square(problem.residuals(problem.start), problem.start))
+        chi_square = problem.chi_square(problem.residuals(problem.start), problem.start)
+        return replace(fit, chi_square=chi_square, pattern=without.pattern)
 
     def score(self, fit: Fit) -> float:
         """Return the log score of the held-out data up to a constant: minus half of chi-square.
@@ -226,7 +229,7 @@ class Fitter:
         .. [1] H. Akaike, IEEE Trans. Autom. Control 19, 716, 1974.
         """
         if self.held_out is self.data:
-            return -0.5 * (fit.chi_square + (0.0 if fit.pattern is None else fit.pattern.penalty)) - fit.free
+            return -0.5 * fit.deviance - fit.free
         return -0.5 * chi_square(self.held_weights, self.residuals(fit, held_out=True))
 
     def significant_excess(self, score: float) -> float:

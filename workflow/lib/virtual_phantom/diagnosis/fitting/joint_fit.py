@@ -41,6 +41,11 @@ class JointFit:
     free: int
     fits: dict[str, Fit]
 
+    @property
+    def deviance(self) -> float:
+        """As Fit.deviance."""
+        return self.chi_square + sum(fit.deviance - fit.chi_square for fit in self.fits.values())
+
 
 class JointFitter:
     """Joint fits of several recordings.
@@ -120,15 +125,15 @@ class JointFitter:
         free = len(found.point) - sum(len(own.nuisances) for own in problem.problems.values())
         return JointFit(first.effects, physics, found.chi_square, free, fits)
 
-    def left_out(self, names: Collection[str], effects: tuple[str, ...], given: JointFit) -> dict[str, Fit]:
+    def left_out(self, names: Collection[str], given: JointFit) -> dict[str, Fit]:
         """Fit recordings with physics that was fitted to the others, starting from a joint fit.
 
         Nuisance parameters and parameters of one scan are fitted. So are parameters of a protocol that none of the
         others has. Declared physics also has the values fitted to the others.
         """
-        if not self.with_declared_effects(effects):
-            return {name: given.fits[name] if not given.effects else self.fitters[name].fit(()) for name in names}
-        others = self.without(names).fit(effects, given)
+        if not self.with_declared_effects(given.effects):
+            return {name: given.fits[name] for name in names}
+        others = self.without(names).fit(given.effects, given)
         return self.fit_with_fixed_physics(others, {name: given.fits[name] for name in names})
 
     def fit_with_fixed_physics(self, others: JointFit, starts: Mapping[str, Fit]) -> dict[str, Fit]:

@@ -16,7 +16,7 @@ from .linearization import LinearizationPoint
 from .nuisance import POSES, Nuisance
 from .steps import bounded_step
 
-MOST_LINEARISATIONS = 3  # maximum of recomputations of numerical errors in a fit, each after convergence
+MOST_CORRECTIONS = 3  # maximum of recomputations of numerical errors in a fit, each after convergence
 # Further starts after a fit has stalled: distances from its end, as shares of the range.
 FARTHER = (-0.5, -0.1, 0.1, 0.5)
 # Finite differences: shares of the plausible range and of a nuisance parameter's standard deviation. Path lengths are
@@ -58,14 +58,17 @@ class Problem:
     steps : ndarray, shape (numbers,)
         Steps of finite differences.
     pattern : Pattern or None
-        Gain pattern that the fitted data may contain. Residuals and derivatives lose what it absorbs.
+        Pattern of pixels that the fitted data may contain. Residuals and derivatives lose what it absorbs.
     """
 
     def __init__(self, fitter, effects: tuple[str, ...], given=None, beside: str | None = None):
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self._given, given = given, given or self.model.first
-        self.patterned = any(load(name).pattern for name in effects)
+        gains = any(load(name).pattern for name in effects)
+        # A pixel has one constant: a gain, or else the deviation of its dark signal.
+        self.uneven = self.data.of_pixels and not gains and any(load(name).uneven for name in effects)
+        self.patterned = gains or self.uneven
         self.pattern: Pattern | None = given.pattern if given is not None and given.effects == self.effects else None
         self.linearization, self.linearized = self.model.nominal if given is None else given.linearization, 0
         self.all_effects = self.model.with_declared_effects(self.effects)
@@ -182,7 +185,7 @@ class Problem:
 
     def needs_new_corrections(self, point: np.ndarray) -> bool:
         """Recompute numerical errors if a point is too far from where they were computed; return True if so."""
-        if self.linearized == MOST_LINEARISATIONS:
+        if self.linearized == MOST_CORRECTIONS:
             return False
         physics, nuisance = self.named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearization)
@@ -215,7 +218,7 @@ class Problem:
         """Return a residual of the mean less constants of a gain pattern, a function of another residual."""
         fitted, shape = self.fitter.data, self.fitter.data.mean.shape
         found = constants(of.reshape(shape), self.fitter.weights[0].reshape(shape), fitted.pattern_sums)
-        field = np.broadcast_to(fitted.pattern_field(found), self.data.mean.shape)
+        field = np.broadcast_to(self.pattern.over_data(fitted.pattern_field(found)), self.data.mean.shape)
         return residual - np.where(self.weights[0] > 0, field.ravel(), 0)
 
     def whitened(self, parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -257,11 +260,13 @@ class Problem:
         A smooth part that once belonged to the pattern stays, as a search would not end if it came and went.
         """
         smooth, self.pattern = self.pattern is not None and self.pattern.smooth, None
-        residuals = self.residuals(point)
         if not self.patterned:
-            return residuals
-        shape = self.data.mean.shape
-        self.pattern = self.data.pattern(residuals[0].reshape(shape), self.weights[0].reshape(shape), smooth)
+            return self.residuals(point)
+        prediction = self.model.predict(*self.named(point), self.data, self.linearization)
+        residuals, shape = self.data.residuals(prediction), self.data.mean.shape
+        per_constant = prediction.state.change_by_dark_signal() if self.uneven else None
+        mean, weight = residuals[0].reshape(shape), self.weights[0].reshape(shape)
+        self.pattern = self.data.pattern(mean, weight, smooth, per_constant)
         return self.beside_pattern(residuals)
 
     def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
@@ -353,6 +358,7 @@ class Problem:
         if self.pattern is None:
             return fitted, held
         there = self.of_held_out()
+        there.pattern = self.pattern
         responding = [there._less(self.pattern.constants, *rows) for rows in zip(held[0], fitted[0], strict=True)]
         return self._rows_beside_pattern(fitted), [np.stack(responding), *held[1:]]
 

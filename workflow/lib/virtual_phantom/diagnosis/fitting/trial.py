@@ -52,5 +52,5 @@ def effect_p_value(fit: Fit | JointFit, without: Fit | JointFit, effect: str) ->
     """
     if load(effect).pattern:
         return fit.pattern.p
-    lost = max(0.0, without.chi_square - fit.chi_square)
+    lost = max(0.0, without.deviance - fit.deviance)
     return float(stats.chi2.sf(lost, max(1, fit.free - without.free)))

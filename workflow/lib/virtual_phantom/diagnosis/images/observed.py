@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage
@@ -45,8 +46,9 @@ class ObservedImages(Observed):
     expected: np.ndarray | None = None
     white: ImageWhitening | None = None
     rings: np.ndarray | None = None
+    of_pixels: ClassVar[bool] = False
 
-    def pattern(self, residual: np.ndarray, weight: np.ndarray, smooth: bool = False) -> Pattern:
+    def pattern(self, residual: np.ndarray, weight: np.ndarray, smooth: bool = False, per_constant=None) -> Pattern:
         """Estimate rings in whitened residuals; the RMS is in HU."""
         found = estimate(residual, weight, sums=self.pattern_sums, smooth=smooth)
         if not found.rms:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -119,6 +120,7 @@ class Observed:
     whitening: Whitening | None = None
     block_weight_variance: np.ndarray | float = 0.0
     coarser: Blocks | None = None
+    of_pixels: ClassVar[bool] = True  # whether a pattern has a constant for each pixel
 
     @property
     def noise_blocks(self) -> Blocks:
@@ -139,9 +141,11 @@ class Observed:
         """Names of the parts of the data, in the order of residuals and weights."""
         return ("mean",) if self.variance is None else ("mean", "noise variance", "noise correlation")
 
-    def pattern(self, residual: np.ndarray, weight: np.ndarray, smooth: bool = False) -> Pattern:
-        """Estimate a gain pattern in residuals of the mean; arguments as `gain_pattern.estimate`."""
-        return estimate(residual, weight, self.whitening, self.pattern_sums, smooth)
+    def pattern(
+        self, residual: np.ndarray, weight: np.ndarray, smooth: bool = False, per_constant: np.ndarray | None = None
+    ) -> Pattern:
+        """Estimate a pattern of pixels in residuals of the mean; arguments as `gain_pattern.estimate`."""
+        return estimate(residual, weight, self.whitening, self.pattern_sums, smooth, per_constant)
 
     def pattern_sums(self, values: np.ndarray) -> np.ndarray:
         """Return sums over the data that share a constant of a gain pattern."""

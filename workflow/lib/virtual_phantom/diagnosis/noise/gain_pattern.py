@@ -1,4 +1,4 @@
-"""Gain pattern of a detector: one constant per pixel, estimated from the mean residual of all views.
+"""Pattern of a detector: one constant per pixel, a gain or a dark signal, from the mean residual of all views.
 
 In images, a constant belongs to a ring of a slice, and the mean is over its voxels (ObservedImages).
 """
@@ -6,7 +6,7 @@ In images, a constant belongs to a ring of a slice, and the mean is over its vox
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import ndimage, optimize, stats
@@ -16,6 +16,9 @@ from .whitening import Whitening
 SMOOTH_FACTOR = 3.0  # of the variance expected of the smooth part
 LEAST_ROUGH = 1e-9  # share of a pixel's variance in its rough part: more than rounding errors
 SMOOTH_PX = 3.0  # width of the Gaussian that gives the smooth part, which may be other physics
+# Largest standard deviation of the dark signal of pixels, relative to its mean; a choice. Without a limit, the pattern
+# of a small dark signal could describe gains.
+MOST_UNEVEN = 0.5
 
 
 Sums = Callable[[np.ndarray], np.ndarray]
@@ -29,6 +32,8 @@ def over_views(values: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class Pattern:
     """Constants added to line integrals, with independent normal priors.
+
+    Constants of gains are changes of line integrals, constants of dark signals relative deviations from the mean.
 
     Attributes
     ----------
@@ -44,6 +49,8 @@ class Pattern:
         Standard deviation of the true constants, and its standard error.
     p : float
         P-value of a likelihood ratio against no constants.
+    per_constant : ndarray, shaped as the data, or None
+        Change of the data per constant; None: 1 (gains).
     """
 
     values: np.ndarray
@@ -53,6 +60,7 @@ class Pattern:
     rms: float
     error: float
     p: float = 1.0
+    per_constant: np.ndarray | None = field(default=None, repr=False)
 
     @property
     def penalty(self) -> float:
@@ -62,6 +70,10 @@ class Pattern:
     def constants(self, residual: np.ndarray, weight: np.ndarray, sums: Sums = over_views) -> np.ndarray:
         """Return the estimates for another whitened residual, a linear function; arguments as `estimate`."""
         return self.share * self._mean(residual, weight, sums)
+
+    def over_data(self, constants: np.ndarray) -> np.ndarray:
+        """Return the change of the data by constants, which are broadcastable to the data."""
+        return constants if self.per_constant is None else constants * self.per_constant
 
     def absorbed(self, residual: np.ndarray, weight: np.ndarray, sums: Sums = over_views) -> np.ndarray:
         """Return the constants without which the square of a residual is chi-square beside the pattern.
@@ -73,7 +85,7 @@ class Pattern:
         return (1 - np.sqrt(1 - self.share)) * self._mean(residual, weight, sums)
 
     def _mean(self, residual: np.ndarray, weight: np.ndarray, sums: Sums) -> np.ndarray:
-        mean, total = _mean(residual, weight, sums)
+        mean, total = _mean(*_per_constant(residual, weight, self.per_constant), sums)
         return mean if self.smooth else _without_smooth(mean, total > 0)[0]
 
 
@@ -83,6 +95,7 @@ def estimate(
     whitening: Whitening | None = None,
     sums: Sums = over_views,
     smooth: bool = False,
+    per_constant: np.ndarray | None = None,
 ) -> Pattern:
     """Estimate the pattern in residuals with weights 1 / variance, shape (views, rows, columns).
 
@@ -96,8 +109,10 @@ def estimate(
         Returns the sums over the data that share a constant.
     smooth : bool, optional
         Whether the smooth part belongs to the pattern, however large it is.
+    per_constant : ndarray, shape (views, rows, columns), optional
+        See Pattern.
     """
-    mean, total = _mean(residual, weight, sums)
+    mean, total = _mean(*_per_constant(residual, weight, per_constant), sums)
     good = total > 0
     noise = np.where(good, 1 / np.where(good, total, 1), 0)
     rough, left = _without_smooth(mean, good)
@@ -105,9 +120,9 @@ def estimate(
     shown = good & (rough_noise > LEAST_ROUGH * noise)
     if not shown.any():
         none = np.zeros_like(mean)
-        return Pattern(none, none, none, smooth, 0.0, 0.0)
+        return Pattern(none, none, none, smooth, 0.0, 0.0, per_constant=per_constant)
     square, rough_noise = rough[shown] ** 2 / left, rough_noise[shown] / left
-    variance, ratio = _variance(square, rough_noise)
+    variance, ratio = _variance(square, rough_noise, np.inf if per_constant is None else MOST_UNEVEN**2)
     rms = float(np.sqrt(variance))
     of_variance = float(np.sqrt(2 / ((variance + rough_noise) ** -2).sum()))
     error = of_variance / (2 * max(rms, np.sqrt(of_variance / np.sqrt(2))))
@@ -119,24 +134,34 @@ def estimate(
     if whitening is not None:  # which makes white constants of pixels rougher
         values, larger = whitening.pixels(values), whitening.roughness(_widths(mean.shape))
         rms, error = rms / larger, error / larger
-    return Pattern(values, share * noise, share, smooth, rms, float(error), p)
+    return Pattern(values, share * noise, share, smooth, rms, float(error), p, per_constant)
 
 
-def _variance(square: np.ndarray, noise: np.ndarray) -> tuple[float, float]:
-    """Return the most likely variance v of constants with squares of mean v + noise, and its log likelihood ratio.
+def _variance(square: np.ndarray, noise: np.ndarray, most: float) -> tuple[float, float]:
+    """Return the most likely variance v <= most of constants with squares of mean v + noise, and its likelihood ratio.
 
-    The ratio is twice the log likelihood above that of no constants. Pixels with little noise count most.
+    The ratio is twice its log likelihood above that of no constants. Pixels with little noise count most.
     """
 
     def loss(variance: float) -> float:
         return float((np.log1p(variance / noise) + square / (variance + noise)).sum())
 
-    most = float(square.max())
+    most = min(most, float(square.max()))
     if not most:
         return 0.0, 0.0
     found = optimize.minimize_scalar(lambda root: loss(root**2), bounds=(0.0, np.sqrt(most)), method="bounded")
     ratio = loss(0.0) - float(found.fun)
     return (float(found.x) ** 2, ratio) if ratio > 0 else (0.0, 0.0)
+
+
+def _per_constant(
+    residual: np.ndarray, weight: np.ndarray, per_constant: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return residuals and weights in units of the constants."""
+    if per_constant is None:
+        return residual, weight
+    there = per_constant != 0
+    return np.divide(residual, per_constant, out=np.zeros(residual.shape), where=there), weight * per_constant**2
 
 
 def _mean(residual: np.ndarray, weight: np.ndarray, sums: Sums) -> tuple[np.ndarray, np.ndarray]:

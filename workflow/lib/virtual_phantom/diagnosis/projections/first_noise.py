@@ -23,6 +23,7 @@ LEAST_ROWS = 4
 # Variance of a sum of squared second differences relative to independent values: neighbors have a correlation of -2/3,
 # and second neighbors of 1/6.
 SECOND_DIFFERENCES_SHARE = 1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)
+SHARE_BY_DISTANCE = {1: SECOND_DIFFERENCES_SHARE, 2: 1 + 2 * (1 / 6) ** 2}  # of the summed views; 1 if farther apart
 # Rays, with all rays of a pixel counted. In a larger scan, noise is estimated only from the fitted views and the views
 # next to them. 20 million rays take 2 GB.
 MOST_RAYS_FOR_NOISE = 2e7
@@ -48,7 +49,8 @@ class FirstNoise:
     second_difference : float
         Variance of second differences relative to the variance of a view.
     of_views : tuple of (ndarray, float), or None
-        Arguments of observed.with_noise_of_views; None for several repeats, or too few rows.
+        Squared second differences (observed.with_noise_of_views), and the variance of their sum along rows, relative
+        to independent values; None for several repeats, or too few rows.
     """
 
     clean: np.ndarray
@@ -100,7 +102,7 @@ def first_noise(
         white, second_difference = second_difference, declared.of_second_differences(of_rows)
         noise, photons = noise * white / second_difference, photons * second_difference / white
     if not np.isfinite(photons) or photons > MOST_PHOTONS:
-        raise InputError("the repeats of the recording do not vary: are they copies of one file?")
+        raise InputError("the repeats are identical; remove the copies from repeats")
     if step > 1 and not large:
         taken, clean, unit, noise = taken.every(step), clean[::step], unit[::step], noise[::step]
         squares = None if squares is None else squares[::step]
@@ -110,8 +112,7 @@ def first_noise(
         variance = noise
         if of_rows:
             rows = taken.usable.shape[1]
-            shared = SECOND_DIFFERENCES_SHARE * (1 if large else SECOND_DIFFERENCES_SHARE) * rows / (rows - 2)
-            of_views = squares / reference, shared
+            of_views = squares / reference, SECOND_DIFFERENCES_SHARE * rows / (rows - 2)
     else:
         variance = reference * blocks.spread(filled(observe(taken, reference, blocks).variance))
     return taken, FirstNoise(clean, photons, reference, variance, blocks, single, second_difference, of_views)

@@ -24,7 +24,7 @@ from ..residuals.residual_tests import DomainTest, HalfResiduals
 from ..uncertainty.prediction_error import changes_by_parameter_errors
 from .change_kinds import kinds
 from .discretization import Numerical
-from .first_noise import every, filled, first_noise, has_rows
+from .first_noise import SHARE_BY_DISTANCE, every, filled, first_noise, has_rows
 from .local_mismatch import FitResidual, Piece, best_piece, object_radius_mm, refined_piece
 from .lost_rays import lost_rays_remark, truncation_of
 from .model import ScansModel
@@ -88,7 +88,7 @@ class PreparedScans(Prepared):
     ) -> list[DomainTest]:
         """See Prepared.domains."""
         uncertain = None if fitted is None else changes_by_parameter_errors(self.fitter, fit)
-        return domain_tests(half, fit.pattern_variance, fitted, more, uncertain, self.step)
+        return domain_tests(half, fit.pattern, fitted, more, uncertain, self.step)
 
     def share_at_edges(self, fit: Fit) -> float:
         """See Prepared.share_at_edges."""
@@ -301,7 +301,12 @@ def prepare(
     if noise.single:
         variance_of = partial(_whitened_variance, noise.variance, clean=noise.clean)
         if noise.of_views is not None:
-            parts = [with_noise_of_views(part, *noise.of_views) for part in parts]
+            squares, of_rows = noise.of_views
+            apart = (2 * step, 2 * step, step) if words == BY_VIEW else 3 * (step,)
+            parts = [
+                with_noise_of_views(part, squares, of_rows * SHARE_BY_DISTANCE.get(distance, 1.0))
+                for part, distance in zip(parts, apart, strict=True)
+            ]
     else:
         apart = [taken] if words == BY_VIEW else [fitted, held]
         variance, freedom = _of_one_repeat(apart, noise.reference, noise.clean, correlations, noise.blocks)

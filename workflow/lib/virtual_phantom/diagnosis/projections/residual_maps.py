@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
+from ..noise.gain_pattern import Pattern
 from ..residuals.residual_tests import (
     EDGE_SHARE,
     DomainTest,
@@ -30,7 +31,7 @@ THIN = 0.05  # of the largest line integral, below which rays miss the object
 
 def domain_tests(
     half: HalfResiduals,
-    constants: np.ndarray | None = None,
+    pattern: Pattern | None = None,
     fitted: HalfResiduals | None = None,
     more: Sequence[DomainTest] = (),
     uncertain: Sequence[np.ndarray] | None = None,
@@ -43,8 +44,8 @@ def domain_tests(
 
     Parameters
     ----------
-    constants : ndarray, shape (rows, columns), optional
-        Variance of each pixel's constant in a fitted gain pattern.
+    pattern : Pattern, optional
+        Fitted pattern of pixels. The uncertainty of its constants adds to the variance of sums.
     fitted : HalfResiduals, optional
         The fitted data, if `half` is held out.
     more : sequence of DomainTest, optional
@@ -62,11 +63,10 @@ def domain_tests(
     data, shape = half.data, half.data.mean.shape
     residual, weight = half.residuals[0].reshape(shape), half.weights[0].reshape(shape)
     predicted = data.mean - data.as_recorded(residual)  # recorded values would sort rays by their noise
-    left = np.zeros(shape[1:]) if constants is None else constants
-    pixels = weight.sum(axis=0)
-    # The uncertainty of a pixel's constant adds to the variance of a sum over views.
-    extra = pixels**2 * left
-    of_views = (weight**2 * left).sum((1, 2))
+    left = np.zeros(shape[1:]) if pattern is None else pattern.variance
+    pixels, moved = weight.sum(axis=0), weight if pattern is None else pattern.over_data(weight)
+    extra = moved.sum(axis=0) ** 2 * left
+    of_views = (moved**2 * left).sum((1, 2))
     numbers = () if uncertain is None else uncertain[0].reshape(-1, *shape)
     variance = ExtraVariance(weight, [*data.numerical, *numbers], data.weight_variance)
     of = f" of {shape[0]}" if step == 1 else f", 1 of {step} views compared"
@@ -75,7 +75,7 @@ def domain_tests(
         extra = extra + variance(lambda values: values.sum(axis=axes))
         return standardized((residual * weight).sum(axis=axes), weight.sum(axis=axes), extra)
 
-    z_of_blocks = _block_z(residual, weight, data, left, variance)
+    z_of_blocks = _block_z(residual, weight, data, moved, left, variance)
     found = [
         extreme("columns", marginal((0, 1), extra.sum(0)), lambda i: f"column {i} of {shape[2]}"),
         extreme("rows", marginal((0, 2), extra.sum(1)), lambda i: f"row {i} of {shape[1]}"),
@@ -97,9 +97,9 @@ def domain_tests(
     return holm_corrected([*found, *more])
 
 
-def _block_z(residual, weight, data, left, variance: ExtraVariance) -> np.ndarray:
+def _block_z(residual, weight, data, moved, left, variance: ExtraVariance) -> np.ndarray:
     starts = data.blocks.bounds(0)[:-1]
-    pixels = np.add.reduceat(weight, starts, axis=0)
+    pixels = np.add.reduceat(moved, starts, axis=0)
     extra = np.zeros(data.blocks.count) + variance.of_block(data.blocks.sum)
     for part, start in enumerate(starts):
         extra += np.bincount(data.blocks.index[start].ravel(), (pixels[part] ** 2 * left).ravel(), data.blocks.count)

@@ -20,6 +20,7 @@ from ..fitting.trial import Trial
 from ..noise.gain_pattern import Pattern
 
 LOGGER = logging.getLogger("virtual_phantom")
+PER_CONSTANT = "per_constant"  # of Pattern
 ALIGNMENT = "alignment"  # name of the fit without any effect
 
 
@@ -51,7 +52,12 @@ class FitCache:
         return found if of == self._made_of(effects, *rest) else None
 
     def put(self, found: Trial, effects: tuple[str, ...], *rest) -> None:
-        """Store a trial for these arguments of `trial`; it replaces an earlier one of the same effects."""
+        """Store a trial for these arguments of `trial`; it replaces an earlier one of the same effects.
+
+        Fits with a pattern of dark signals are not stored, because this pattern is as large as the data.
+        """
+        if found.fit.pattern is not None and found.fit.pattern.per_constant is not None:
+            return
         try:
             write_trial(found, self._path(effects), self._made_of(effects, *rest))
         except InputError as error:  # a full disk does not stop the diagnosis
@@ -72,7 +78,8 @@ def content_of(trial: Trial) -> dict:
     """Return a trial as JSON content."""
     fit = asdict(trial.fit)
     if fit["pattern"] is not None:
-        fit["pattern"] = {name: np.asarray(values).tolist() for name, values in fit["pattern"].items()}
+        kept = (item for item in fit["pattern"].items() if item[0] != PER_CONSTANT)
+        fit["pattern"] = {name: np.asarray(values).tolist() for name, values in kept}
     return {"fit": fit, "score": trial.score, "p": trial.p}
 
 

@@ -71,7 +71,7 @@ class Choice:
     without : dict of str to Fit
         {effect: fit without it, all else refitted}.
     numerical : float
-        Relative error of the corrections for finite steps.
+        Relative error of the discretization corrections.
     mismatch : Change or None
         Local object mismatch that explains more than any effect; if there is one, no effect is selected.
     errors : Errors or None
@@ -399,7 +399,7 @@ class ForwardSelection:
         so that there is no such value.
         """
         fitter = self.fits.fitter
-        if any(load(name).pattern for name in self.current.fit.effects):
+        if self.current.fit.pattern is not None:
             return math.inf
         ratio = float(fitter.weights[0].sum() / fitter.held_weights[0].sum())
         return self.current.fit.chi_square + 2 * enough * max(1.0, ratio)

@@ -19,6 +19,7 @@ from ..fitting.problem import Problem
 from ..fitting.steps import ScaledEigenvalues
 from ..fitting.templates import SMALL, whitened, whitened_columns
 from ..noise.condensed import Observed
+from ..noise.gain_pattern import Pattern
 from ..residuals import KINDS
 from ..residuals.dataset import Change, LocalMismatch, Prepared
 from ..residuals.residual_tests import DomainTest, HalfResiduals
@@ -91,7 +92,7 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
     residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step
     found, of_steps = [], numerical**2 * fit.corrected
     for words, directions, mismatch in _tried(prepared, fit):
-        change = _change(fitted, held, residuals, inverse, directions, fit.pattern_variance, of_steps)
+        change = _change(fitted, held, residuals, inverse, directions, fit.pattern, of_steps)
         if change is not None:
             found.append(Change(words, *change, mismatch))
     return sorted(found, key=lambda change: change.p)
@@ -132,12 +133,12 @@ def _change(
     residuals: tuple[np.ndarray, np.ndarray],
     inverse: np.ndarray,
     directions: Directions,
-    of_pattern: np.ndarray | None,
+    pattern: Pattern | None,
     of_steps: float,
 ) -> tuple[float, float, float] | None:
     """Return z, p and gain of one kind of change; None if the fit describes all of it.
 
-    A gain pattern adds one constant per pixel, with variance `of_pattern`, to the parameters of the fit.
+    A pattern adds one constant per pixel to the parameters of the fit.
 
     Parameters
     ----------
@@ -146,7 +147,6 @@ def _change(
     inverse : ndarray, shape (parameters, parameters)
         Covariance of the parameters.
     directions : ndarray or sparse array, shape (mean data, directions)
-    of_pattern : ndarray, shape (rows, columns), or None
     of_steps : float
         Variance of discretization errors along any direction, relative to the data.
     """
@@ -178,8 +178,9 @@ def _change(
     variance = float(
         (1 + of_steps) * (change @ change) + (held.weight_variance * mean**2).sum() + taken_up @ inverse @ taken_up
     )
-    if of_pattern is not None:  # variance from errors of its constants
-        variance += float((of_pattern.ravel() * (held.root * mean).reshape(-1, of_pattern.size).sum(axis=0) ** 2).sum())
+    if pattern is not None:  # variance from errors of its constants
+        changed = (held.root * mean).reshape(-1, *pattern.variance.shape)
+        variance += float((pattern.variance * pattern.over_data(changed).sum(axis=0) ** 2).sum())
     along = float(change @ residuals[1])
     shrunk = max(0.0, 1 - freedom / explained)
     gain = shrunk * along - shrunk**2 * float(change @ change) / 2

@@ -19,11 +19,11 @@ DRIFT = {"reach": Reach(OF_AIR_PER_SCAN, -0.02, 0.02, 0.0005, 0.001), "belongs_t
 EFFECT = Effect(
     name="dark_signal",
     physics="The detector reading without radiation differs from the subtracted one and drifts as the detector warms "
-    "up.",
-    equation="reading_i' = reading_i + d + r t_i, reading_air' = reading_air + d",
+    "up. Its relative deviations s(u, v) between pixels are fitted, but not simulated.",
+    equation="reading_i' = reading_i + (d + r t_i) (1 + s(u, v)), reading_air' = reading_air + d (1 + s(u, v))",
     source="J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624 (1999)",
     stage="readout",
-    signature="line integrals are too low at low transmission, equally in all columns; a drift grows from view to view",
+    signature="line integrals are too low at low transmission, in all columns; a drift grows from view to view",
     settled_by="record dark frames before and after the scan",
     parameters=(
         Parameter("level_units", "readout units", "residual dark signal d", -math.inf, math.inf, 0.0, 500.0, **LEVEL),
@@ -31,4 +31,5 @@ EFFECT = Effect(
     ),
     apply=apply,
     removed_by=("dark",),
+    uneven=True,
 )
