@@ -137,9 +137,11 @@ DIAGNOSES = [
 ]
 OTHERS = {
     "case_01": {
-        "contrast": metric(-0.03, 0.01, 0.004),
-        "resolution": metric(-0.2, -0.02, 0.01),
-        "features": share(0.4, 0.9, 0.7),
+        "metrics": {
+            "contrast": metric(-0.03, 0.01, 0.004),
+            "resolution": metric(-0.2, -0.02, 0.01),
+            "features": share(0.4, 0.9, 0.7),
+        }
     },
     "case_02": {"metrics": {"contrast": metric(0.05, -0.02, 0.006)}, "left_out": {"resolution": "no edge"}},
 }

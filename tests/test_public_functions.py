@@ -128,6 +128,13 @@ def test_diagnosis_takes_numpy_numbers_and_paths(tmp_path):
         vp.diagnose(tmp_path / "bench", mask=(tmp_path / "object.nii", "water"), **wanted)
 
 
+@pytest.mark.parametrize("key", ["protocol", "physics_from", "baseline_from"])
+def test_diagnosis_of_one_recording_rejects_keys_of_a_study(tmp_path, key):
+    recording_folders.projections_folder(tmp_path / "bench")
+    with pytest.raises(InputError, match=f"^diagnose: .*{key}"):
+        vp.diagnose(tmp_path / "bench", disc=(70, "water"), **{key: "another"})
+
+
 def test_internal_error_is_one_line_with_what_to_report():
     @public
     def broken(one):

@@ -329,7 +329,7 @@ def test_fits_are_read_from_files_and_the_report_states_the_findings(scene, tmp_
 def test_copies_of_one_file_are_rejected(scene):
     taken = scans(scene, {}, repeats=1)
     same = observed.Scans(np.repeat(taken.repeats, 4, axis=0), taken.white, taken.usable)
-    with pytest.raises(InputError, match="do not vary: are they copies of one file"):
+    with pytest.raises(InputError, match="the repeats are identical; remove the copies from repeats"):
         prepared.prepare(same, None, Chain(scene, GEOMETRY, PHOTONS))
 
 

@@ -271,8 +271,8 @@ def test_effect_warns_at_a_bound_and_if_absent(scene, leaking):
     prepared_data = prepared.prepare(taken, None, Chain(scene, GEOMETRY, PHOTONS), tube_kvp=100.0)
     choice = chosen(prepared_data.fitter, ("scatter",))
     absent = replace(choice, alone={"leakage": -20.0})
-    assert "A tube of 100 kV leaks, and this one does not." in caveats(prepared_data, absent, 100.0)
-    assert caveats(prepared_data, replace(choice, alone={"leakage": 0.0}), 100.0) == caveats(prepared_data, choice)
+    assert "A tube of 100 kV leaks, and this one does not." in caveats(prepared_data, absent)
+    assert caveats(prepared_data, replace(choice, alone={"leakage": 0.0})) == caveats(prepared_data, choice)
     values = {"leakage": {"share": 0.01, "kvp": 105.0, "width_mm": 30.0}}
     errors = {"leakage": dict.fromkeys(values["leakage"], 0.01)}
     fit = replace(choice.chosen.fit, effects=("leakage",), physics=values, errors=errors)

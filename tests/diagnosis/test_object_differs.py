@@ -166,7 +166,7 @@ def test_missing_insert_is_reported_as_object_and_not_as_physics():
     content = missing()
     assert content["verdict"] == "unexplained" and not content["effects"]
     (piece,) = content["object"]["pieces"]
-    assert not content["object"]["mended"] and content["object"]["removes"] > 0.95
+    assert not content["object"]["corrected"] and content["object"]["removes"] > 0.95
     place = piece["x_mm"], piece["y_mm"], piece["z_mm"]
     np.testing.assert_allclose(place, (-35, -20, -3), atol=1.5)
     assert piece["width_mm"] == pytest.approx(30, abs=3)
@@ -195,7 +195,7 @@ def test_missing_large_insert_explains_all(monkeypatch):
 
 def test_object_is_corrected_on_request():
     content = missing(True)
-    assert content["verdict"] == "match" and content["object"]["mended"]
+    assert content["verdict"] == "match" and content["object"]["corrected"]
     assert "Object corrected before the fit: " in content["sentence"] and " mm ball at x " in content["sentence"]
     low, high = content["alignment"]["piece_1"]["ci95"]
     assert 0 < low < high
@@ -211,7 +211,7 @@ def test_physics_is_named_with_a_corrected_object():
 
 
 def test_mismatch_wider_than_allowed_is_not_corrected():
-    assert not report((), differ=10.0)["object"]["mended"]
+    assert not report((), differ=10.0)["object"]["corrected"]
 
 
 @pytest.mark.parametrize("physics", [{"scatter": {}}, {"spectrum": {}}, {"dark_signal": {"level_units": 1500.0}}])

@@ -156,14 +156,16 @@ def test_all_is_removed_only_if_no_mismatch_remains():
 
 def test_object_mismatch_and_its_location():
     found = lines_of(
-        verdict="unexplained", object={"mended": False, "removes": 0.97, "pieces": [PIECE]}, next_measurement=["turn"]
+        verdict="unexplained",
+        object={"corrected": False, "removes": 0.97, "pieces": [PIECE]},
+        next_measurement=["turn"],
     )
     assert found == [
         "Local object mismatch: 30 mm rod along z at x -35.2, y -20 mm, 91.2 HU less than stated.",
         "Fit on held-out data: correcting the object removes 97 % of the difference, more than any effect.",
         "Next: turn.",
     ]
-    corrected = lines_of(verdict="match", object={"mended": True, "pieces": [PIECE]})
+    corrected = lines_of(verdict="match", object={"corrected": True, "pieces": [PIECE]})
     assert corrected[1].startswith("Object corrected before the fit: 30 mm rod along z at x -35.2")
     moved = {"location": {"x_mm": 12.0, "y_mm": 0.0}}
     found = lines_of(verdict="match", setup=moved, alignment={"x_mm": {"value": 12.34}, "y_mm": {"value": 0.2}})

@@ -19,6 +19,7 @@ from virtual_phantom.diagnosis.fitting.fit import Fit
 from virtual_phantom.diagnosis.fitting.trial import Trial, trial
 from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.run import apply_known_physics
 from virtual_phantom.diagnosis.scanned_object import mask_scene
 from virtual_phantom.diagnosis.selection import forward_selection
 from virtual_phantom.diagnosis.selection.screening import Screened, best_few
@@ -130,6 +131,13 @@ def test_physics_of_another_recording_removes_the_excess(other):
         assert effect["taken_from"] == "disc" and effect["evidence"]["p"] is None
         low, high = effect["parameters"][next(iter(effect["parameters"]))]["ci95"]
         assert high > low
+
+
+def test_accuracy_of_discretization_is_that_of_the_configuration(other):
+    prepared_data, _, folder = other
+    (folder / "numerical.json").write_text(json.dumps(found_on("disc", DENSITY)))
+    found = apply_known_physics("notch", prepared_data, Physics.read(folder / "numerical.json"), True, numerical=0.34)
+    assert found.choice.numerical == 0.34
 
 
 def test_noise_and_model_errors_are_stated_separately(other):

@@ -112,6 +112,8 @@ def test_matlab_sinogram_in_detector_elements(tmp_path):
     tried = candidates(RecordingSettings(None, None, {}), **candidate_conditions(recording.document.content))
     assert {"optical_crosstalk", "detector_offset", "gain_pattern"} <= set(tried)
     assert not {"spectrum", "focal_spot", "veiling_glare", "source_distance"} & set(tried)
+    stated = candidate_conditions(recording.document.content | {"nominal": {"photons": 1e5}})
+    assert set(candidates(RecordingSettings(None, None, {}), **stated)) == {*tried, "photon_flux"}
 
 
 @settings(max_examples=30, deadline=None)

@@ -11,7 +11,7 @@ from virtual_phantom.diagnosis.comparison.regions import ScannedVolume
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.preparation import compare_images, prepare_recording
 from virtual_phantom.diagnosis.request import DiagnosisRequest
-from virtual_phantom.diagnosis.selection.forward_selection import choose
+from virtual_phantom.diagnosis.selection.forward_selection import Choice
 from virtual_phantom.diagnosis.selection.transfer import Physics, fit_with_fixed_physics
 from virtual_phantom.diagnosis.settings import FitSettings
 from virtual_phantom.io.documents import DIAGNOSIS, read_document
@@ -37,7 +37,7 @@ def main(
     if physics and physics.effects:
         choice = fit_with_fixed_physics(prepared.fitter, baseline, physics, same_material=True)
     else:  # no effect was found: the baseline alone
-        choice = choose(prepared.fitter, baseline, ())
+        choice = Choice(baseline, baseline)
     scanned = ScannedVolume.of(request, recording, (image_file, rois_file) if phantom_file else None)
     table = compare_images(recording, prepared, choice, request, Branch.AGREEMENT_OTHER_PROTOCOL, scanned=scanned)
     write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", output)

@@ -31,7 +31,10 @@ from .arguments import (
     public,
 )
 
-SECTION = schema_of("diagnosis", "recordings")["additionalProperties"]  # settings of one recording
+# Settings of one recording, without keys that name parts of a study.
+SECTION = schema_of("diagnosis", "recordings")["additionalProperties"]
+OF_STUDY = ("protocol", "physics_from", "baseline_from")
+SECTION = SECTION | {"properties": {key: rule for key, rule in SECTION["properties"].items() if key not in OF_STUDY}}
 
 
 @public

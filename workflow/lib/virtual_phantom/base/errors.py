@@ -96,3 +96,18 @@ def reading(source: object, kind: str) -> Iterator[None]:
     # Third-party readers raise many types of exceptions.
     with refusing(f"{source}: cannot be read as {kind}", Exception, advice="is the file complete?", quoted=False):
         yield
+
+
+@contextlib.contextmanager
+def naming(source: object) -> Iterator[None]:
+    """Begin the message of an InputError with the file or key that it is about, unless it does already.
+
+    Raises
+    ------
+    InputError
+        For any InputError in the block.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise error if str(error).startswith(str(source)) else InputError(f"{source}: {error}") from error

@@ -75,7 +75,7 @@ def model_assumptions(
         "rays per pixel and direction": f"{prepared.fitter.model.chain.samples}",
         "alignment, standard deviations stated": stated_priors or "none: the defaults",
         "physics declared": ", ".join(map(label, settings.baseline)) or "none",
-        "effects tried": ", ".join(map(label, effects)) or "none: physics taken from another recording",
+        "effects tried": ", ".join(map(label, effects)) or "none",
     }
 
 

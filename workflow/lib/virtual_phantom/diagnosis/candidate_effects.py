@@ -62,6 +62,7 @@ def candidate_conditions(content: Mapping) -> dict:
         "scaled": scan.get("length_unit") != ELEMENT,
         "sparse": scan.get("views_per_rotation", math.inf) < math.pi / 2 * scan.get("columns", 0),
         "stated_times": bool({"rotation_time_ms", "view_interval_ms"} & scan.keys()),
+        "photons": "photons" in content.get("nominal", {}),
     }
 
 
@@ -75,6 +76,7 @@ def candidates(
     scaled: bool = True,
     sparse: bool = False,
     stated_times: bool = True,
+    photons: bool = False,
 ) -> list[str]:
     """Return the effects that a diagnosis tries on a recording.
 
@@ -92,6 +94,8 @@ def candidates(
         Kak and M. Slaney, Principles of Computerized Tomographic Imaging, 1988, section 5.1).
     stated_times : bool, optional
         Whether recording.yaml states them, which counts for images of an object.
+    photons : bool, optional
+        Whether recording.yaml states the photons.
 
     Raises
     ------
@@ -103,7 +107,7 @@ def candidates(
     of_object = kind == "images" and not settings.of_phantom
     timed, helical = timed and (stated_times or not of_object), helical and not of_object
     unmet = {
-        NOMINAL_PHOTONS: settings.nominal_photons is None,
+        NOMINAL_PHOTONS: settings.nominal_photons is None and not photons,
         SUCCESSIVE_VIEWS: (settings.view_step or 1) % 2 == 0,
         HELIX: not helical,
         DIVERGENT_BEAM: parallel,

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ..base.errors import InputError
+from ..base.errors import InputError, naming
 from ..base.streams import Branch
 from ..physics.chain import EVEN, Chain
 from ..physics.scenes.sampling import FEW_POINTS
@@ -55,7 +55,8 @@ def prepare_recording(request: DiagnosisRequest, recording: Recording | None = N
     if recording.kind not in PREPARATIONS:
         raise InputError(f"{recording.document.path}: holds {recording.kind}, which are diagnosed by comparison")
     request = request.with_energy(recording.nominal)
-    return recording, PREPARATIONS[recording.kind](recording, request, nominal_settings(recording))
+    with naming(recording.document.path):
+        return recording, PREPARATIONS[recording.kind](recording, request, nominal_settings(recording))
 
 
 def prepare_projections(recording: Recording, request: DiagnosisRequest, nominal: NominalSettings) -> PreparedScans:

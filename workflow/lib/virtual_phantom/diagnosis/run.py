@@ -21,6 +21,7 @@ from .candidate_effects import require_angles
 from .comparison.regions import ScannedVolume
 from .comparison.relevance import judge_relevance
 from .fitting.fit import Fit
+from .fitting.trial import trial
 from .images.other_scan import with_other_scan
 from .images.scan import with_scan
 from .preparation import compare_images, prepare_recording
@@ -52,7 +53,7 @@ WITHOUT_SCALE = "spectrum, scatter and other effects of lengths in mm, as length
 # Errors of the object are linearized where a fit without effects puts its surfaces. Missing physics displaces these, so
 # effects are selected again about a fit with effects, this many times at most. The change of chi-square from which this
 # is done is that of the least gain of an effect.
-MOST_LINEARIZATIONS, MOST_SELECTION_ERROR = 2, 2 * LEAST_GAIN
+MOST_SELECTIONS, MOST_SELECTION_ERROR = 2, 2 * LEAST_GAIN
 # The fit of the selected effects is repeated until linearization changes it by less than its standard error. A wrong
 # source distance of 1.5 % took four repetitions (case_023 of seed 4274920483 of the blind validation).
 MOST_REFITS, MOST_FIT_ERROR = 6, 1.0
@@ -128,7 +129,7 @@ def run_diagnosis(
     _, prepared = prepare_recording(request, recording)
     if physics is not None:
         effects = []
-        found = apply_known_physics(recording.name, prepared, physics, same_material, cache)
+        found = apply_known_physics(recording.name, prepared, physics, same_material, accuracy.get("numerical", 0.0))
     else:
         effects = [name for name in effects if name not in request.settings.baseline]
         differ = request.settings.object_may_differ
@@ -224,16 +225,21 @@ def find_missing_physics(
 
 
 def apply_known_physics(
-    name: str, prepared: Prepared, physics: Physics, same_material: bool, cache: FitCache | None = None
+    name: str, prepared: Prepared, physics: Physics, same_material: bool, numerical: float = 0.0
 ) -> Diagnosis:
-    """Judge a prepared recording by physics that was found on another one: only the alignment is fitted."""
+    """Judge a prepared recording by physics that was found on another one: only the alignment is fitted.
 
-    def begin(given: Prepared, cache: FitCache | None) -> Begun:
-        (baseline,) = trials(given.fitter, [((),)], cache=cache)
-        choice = fit_with_fixed_physics(given.fitter, baseline, physics, same_material)
+    Parameters
+    ----------
+    numerical : float, optional
+        Relative error of discretization corrections (`diagnosis.model_accuracy.numerical`).
+    """
+
+    def begin(given: Prepared, _cache: FitCache | None) -> Begun:
+        choice = fit_with_fixed_physics(given.fitter, trial(given.fitter, ()), physics, same_material, numerical)
         return choice.chosen.fit, lambda: choice
 
-    prepared, choice = _settled(prepared, begin, cache)
+    prepared, choice = _settled(prepared, begin, None)
     found = diagnose(name, prepared, choice)
     return replace(found, content=with_physics_source(found.content, physics))
 
@@ -256,7 +262,7 @@ def _settled(
 
     def select(prepared: Prepared, cache: FitCache | None) -> tuple[Prepared, Choice]:
         fit, judged = begin(prepared, cache)
-        for _ in range(MOST_LINEARIZATIONS):
+        for _ in range(MOST_SELECTIONS):
             again = prepared if fit is None else prepared.linearized_at(fit, MOST_SELECTION_ERROR)
             if again is prepared:
                 break

@@ -241,7 +241,7 @@ def contradiction(content: Mapping, of: str = "") -> VerdictLine | None:
 
 def _corrected_object(content: Mapping) -> VerdictLine | None:
     found = content.get("object", {})
-    pieces = [piece_text(piece) for piece in found["pieces"]] if found.get("mended") else []
+    pieces = [piece_text(piece) for piece in found["pieces"]] if found.get("corrected") else []
     return _line("Object corrected before the fit", enumerated(pieces), rank=2)
 
 

@@ -146,7 +146,7 @@ def prepare(
     further : ndarray, shape (repeats, z, y, x), or None
         HU; held-out repeats.
     chain, floor_chain : Chain
-        See projections.prepared.prepare.
+        Chain for fits, and a chain with more rays. Their difference is the numerical error of predictions.
     reconstruct : callable
         Line integrals, shape (lanes, views, rows, columns), to HU on the same voxels, shape (lanes, z, y, x).
     spacing_mm : tuple of 3 float
@@ -208,7 +208,7 @@ def prepare(
         noise = noise * np.sqrt(slices_variance)
     fitted, held, words, usable = _split(repeats, further, valid, of_slices)
     least = LEAST_POWER_OF_SLICES if of_slices else LEAST_POWER
-    white = image_whitening(noise, valid, finer - coarse, max(len(fitted), 1), least)
+    white = image_whitening(noise, valid, finer - coarse, len(fitted), least)
     # Noise that is not fitted does not determine the photons, so they need a prior.
     needs_prior = nominal_photons or len(fitted) == 1 or of_slices
     final = model(
@@ -261,7 +261,7 @@ def _noise(
         ratio = _fine_power(taken[0] - expected, valid) / np.mean([_fine_power(noise, valid) for noise in simulated])
         noise = simulated * np.sqrt(ratio)
     if not ratio > 1e-9:
-        raise InputError("the repeats of the recording do not vary: are they copies of one file?")
+        raise InputError("the repeats are identical; remove the copies from repeats")
     return noise, ratio
 
 

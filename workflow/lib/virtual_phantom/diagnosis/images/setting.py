@@ -308,7 +308,7 @@ def correlated_variance(stacks: np.ndarray, valid: np.ndarray) -> float:
     count, together = fine.shape[1], 1 + 2 * sum(_correlations(half_squares, plateau, LEAST_CORRELATED))
     if count * len(stacks) / together < LEAST_INDEPENDENT:
         raise InputError(
-            f"recording: {count} slices, of which {count * len(stacks) / together:.2g} have independent noise; a "
+            f"{count} slices, of which {count * len(stacks) / together:.2g} have independent noise; a "
             f"diagnosis of images needs {LEAST_INDEPENDENT}: give more slices that show the object "
             "(diagnosis.recordings: slices), or more repeats"
         )
@@ -393,6 +393,6 @@ def agreement_of_images(
     # Slices of an object that is constant along z have correlated noise, simulated realizations have not.
     fit = choice.chosen.fit
     noise = model.noise_images(fit.physics, fit.nuisance, fit.linearization) if len(repeats) > 1 else None
-    features = None if scanned is None else Features(regions)
+    features = Features(regions) if scanned is not None and scanned.rois else None
     found = agreement_and_changes(repeats, images, noise, choice, regions, features, with_changes)
     return found | {"algorithm": request.protocol.algorithm}

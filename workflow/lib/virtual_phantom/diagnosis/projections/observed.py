@@ -133,7 +133,7 @@ def observe(
         If no ray is usable.
     """
     if not taken.usable.any():
-        raise InputError("no ray of the recording measured anything; is the object opaque, or are the fields swapped?")
+        raise InputError("no ray has a signal; check the object, data_white and data_dark")
     blocks = blocks or Blocks.of(taken.usable.shape, PARTS)
     n = len(taken)
     mean = taken.repeats.mean(axis=0, dtype=np.float64)

@@ -95,7 +95,8 @@ class Prepared(ABC):
     Attributes
     ----------
     fitter, whole : Fitter
-        Fits of one part of the data, scored by the rest, and fits of all data.
+        Fits of one part of the data, scored by the rest, and fits of all repeats. Repeats that the recording lists as
+        `held_out` are never fitted.
     variance : ndarray
         Variance of one repeat, along the data's three axes.
     single : bool

@@ -28,8 +28,8 @@ class DomainTest:
     where : str
         The location, in words.
     z : float
-        Standardized difference at the location, positive where the recording is larger. In domains of sums of squares
-        or products (verdict.NO_SIGNED_MAP), z does not show which is larger.
+        Standardized difference at the location, positive where the recording is larger. In domains that are tested for
+        an excess only (report.words.ONE_SIDED), z does not show which is larger.
     p : float
         p-value over all locations of the domain; `holm_corrected` extends it to all domains.
     map : ndarray

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from ...base.errors import naming
 from ...base.settings import to_mapping
 from ..fitting.fit import Fit
 from ..fitting.joint_fit import JointFit, JointFitter
@@ -80,7 +81,8 @@ def run_scanner_diagnosis(
     """
     every = JointFitter({key: data.fitter for key, data in prepared.items()}, protocols_of(prepared, protocols))
     together = every.without(judged_on)
-    choice = choose_jointly(together, candidates, accuracy, objects)
+    with naming(f"diagnosis.scanners.{name}.recordings"):
+        choice = choose_jointly(together, candidates, accuracy, objects)
     judged, chosen = _TestRecordings.of(every, choice, judged_on), choice.chosen
     errors: Mapping[str, Mapping] = {}
     each_alone: Mapping[str, Alone] = {}

@@ -74,7 +74,7 @@ def choose_jointly(
         For a single recording.
     """
     if len(together.fitters) < 2:
-        raise InputError("a joint diagnosis needs two recordings: each is judged by the physics of the others")
+        raise InputError("needs two recordings, because each is tested with the physics of the others")
     accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
     return JointSelection(together, candidates, accuracy, recording_folds(list(together.fitters), objects)).run()
 
@@ -176,7 +176,7 @@ class JointSelection:
         if key not in self._left_out:
             found: dict[str, Fit] = {}
             for names in self.folds:
-                found |= self.together.left_out(names, fit.effects, fit)
+                found |= self.together.left_out(names, fit)
             self._left_out[key] = {name: found[name] for name in self.together.fitters}
         return self._left_out[key]
 

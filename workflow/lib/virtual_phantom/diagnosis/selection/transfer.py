@@ -11,7 +11,6 @@ from pathlib import Path
 
 from ...base.errors import InputError, refusing
 from ...io.documents import DIAGNOSIS, read_document
-from ...io.schema import defaults_of
 from ...physics.effect import READOUT_UNITS, absolute_attenuation, checked, load, scan_parameters
 from ..fitting.fit import Fitter
 from ..fitting.joint_fit import NOT_OF_SCAN, parameters_owned_by
@@ -116,7 +115,9 @@ def _error(parameter: dict, interval: str = "ci95") -> float:
     return max(high - parameter["value"], parameter["value"] - low) / NORMAL_95
 
 
-def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, same_material: bool) -> Choice:
+def fit_with_fixed_physics(
+    fitter: Fitter, baseline: Trial, physics: Physics, same_material: bool, numerical: float = 0.0
+) -> Choice:
     """Fit nuisance parameters and parameters of one scan, with the physics of another recording fixed.
 
     The gain of an effect is the loss of held-out log score without it, with the other effects kept and the nuisance
@@ -129,6 +130,8 @@ def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, sa
     same_material : bool
         Whether both objects have the same material. If attenuation is absolute, the density scale of the other
         recording is then the prior.
+    numerical : float, optional
+        Relative error of discretization corrections (`diagnosis.model_accuracy.numerical`).
 
     Raises
     ------
@@ -158,7 +161,6 @@ def fit_with_fixed_physics(fitter: Fitter, baseline: Trial, physics: Physics, sa
     chosen = replace(chosen, fit=replace(chosen.fit, errors=noise))
     errors = Errors(total, chosen.fit.nuisance_errors)
     fits = {name: rest.fit for name, rest in without.items()}
-    numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
     p = dict.fromkeys(physics.effects)
     return Choice(baseline, chosen, gains=gains, p=p, without=fits, numerical=numerical, errors=errors)
 

@@ -103,4 +103,4 @@ def content_of(corrected: Sequence[Change], excess: float | None = None) -> dict
         for local in corrected
     ]
     removes = {} if excess is None else {"removes": min(1.0, corrected[0].gain / max(excess, corrected[0].gain))}
-    return {"mended": excess is None, "pieces": listed} | removes
+    return {"corrected": excess is None, "pieces": listed} | removes

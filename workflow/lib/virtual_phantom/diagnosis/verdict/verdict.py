@@ -34,7 +34,6 @@ from .unmodeled import ChangesOfFits, better_changes, kinds_test
 from .warnings import caveats, doubts, effects_at_bounds, statements
 
 LEFT_SD = 3.0  # standard deviations above which a sum of products is significant: 1 in 740 by chance
-NO_SIGNED_MAP = (EDGES, "both halves", KINDS)  # sums of squares and products
 OBJECT_TURNED = (
     "scan the object again, rotated by 90 degrees about z; a mismatch of the object rotates with it, a mismatch of the "
     "scanner does not"
@@ -162,7 +161,7 @@ def diagnose(
         "next_measurement": next_measurements(choice, bool(left), prepared.display.ranked, like_object),
         "held_out_data": prepared.held_out_text,
         "noise_from_one_repeat": prepared.single,
-        "caveats": caveats(prepared, choice, fitter.model.tube_kvp, left),
+        "caveats": caveats(prepared, choice, left),
     }
     if choice.mismatch is not None:
         content["object"] = content_of([choice.mismatch], excess(prepared, halves.baseline.fit))
@@ -212,7 +211,7 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
         return None
     fitted, held = prepared.halves(chosen.fit)
     sums = []
-    if domains := {place.domain for place in standing} - set(NO_SIGNED_MAP):
+    if domains := {place.domain for place in standing} - {EDGES}:  # whose map has no sign
         maps = [
             {place.domain: place.map.ravel() for place in prepared.domains(half, chosen.fit)} for half in (fitted, held)
         ]

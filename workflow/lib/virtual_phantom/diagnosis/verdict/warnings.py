@@ -38,9 +38,7 @@ ADVISED = ("scale", "offset", "x_mm", "y_mm", "z_mm", "turn_deg", "size")  # key
 LEAST_REDUCED = 0.1
 
 
-def caveats(
-    prepared: Prepared, choice: Choice, tube_kvp: float | None = None, left: Sequence[DomainTest] = ()
-) -> list[str]:
+def caveats(prepared: Prepared, choice: Choice, left: Sequence[DomainTest] = ()) -> list[str]:
     """Return sentences for the report on limits of the recording.
 
     Parameters
@@ -48,7 +46,7 @@ def caveats(
     left : sequence of DomainTest, optional
         Locations of the remaining mismatch, the worst first.
     """
-    found = prepared.caveats(choice.chosen.fit)
+    found, tube_kvp = prepared.caveats(choice.chosen.fit), prepared.fitter.model.tube_kvp
     if prepared.time_remark:
         found.append(f"In recording.yaml {prepared.time_remark}.")
     alike = likeness(prepared, choice)

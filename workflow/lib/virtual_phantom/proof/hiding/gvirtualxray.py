@@ -151,7 +151,7 @@ def scattered(mean: np.ndarray, air: np.ndarray, scan: Scan) -> np.ndarray:
     gap = scan.source_to_detector_mm - scan.source_to_isocentre_mm
     u = np.arange(1 - scan.columns, scan.columns) * scan.column_pitch_mm
     v = np.arange(1 - scan.rows, scan.rows) * scan.row_pitch_mm
-    kernel = gap / (2 * np.pi) * (gap**2 + u**2 + v[:, None] ** 2) ** -1.5 * scan.column_pitch_mm * scan.row_pitch_mm
+    kernel = (gap**2 + u**2 + v[:, None] ** 2) ** -1.5
     total = mean.sum(axis=-1)
     source = total * np.log(np.maximum(air.sum(axis=-1) / np.maximum(total, 1e-9), 1))
     # Relative to what the detector sees of the kernel, so that the share does not depend on its height.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from scipy.special import expit
 
-from ...diagnosis.selection.forward_selection import AS_GOOD
+from ...diagnosis.selection.forward_selection import AS_GOOD, RULED_OUT
 from ...diagnosis.verdict_text import EXPLAINED, MATCH, PARTLY_EXPLAINED, PRACTICAL, UNEXPLAINED
 from ..hiding.case import Case
 from .intervals import share
@@ -31,8 +31,8 @@ MEANING = {
         "is 1 - p of the least certain effect in the line. Came true: the effect was hidden."
     ),
     "ruled_out": (
-        "Effects that a diagnosis rules out: as a replacement of any named effect, the log score is lower by 10 or "
-        "more. Came true: the effect was not hidden."
+        "Effects that a diagnosis rules out: as a replacement of any named effect, the log score is lower by "
+        f"{RULED_OUT:g} or more. Came true: the effect was not hidden."
     ),
     "verdict": (
         "Cases by verdict. A match states that nothing is hidden. Explained states that precisely the named effects "

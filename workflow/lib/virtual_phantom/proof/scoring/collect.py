@@ -111,7 +111,7 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
 
 
 def metrics(path: str | Path) -> dict:
-    """Read the metrics of a table of agreement, or of a file with metrics alone.
+    """Read the metrics of a table of agreement.
 
     Raises
     ------
@@ -119,7 +119,9 @@ def metrics(path: str | Path) -> dict:
         If the file is broken.
     """
     content = seal.read(path)
-    found = content.get("metrics", content)
+    found = content.get("metrics")
+    if not isinstance(found, Mapping):
+        raise InputError(f"{path}: has no metrics; is this a table of agreement?")
     for name, entry in found.items():
         if not isinstance(entry, Mapping) or not {"before", "after", "floor"} <= set(entry):
             raise InputError(f"{path}: {name} has no before, after and floor; is this a table of agreement?")

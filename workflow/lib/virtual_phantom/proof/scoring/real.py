@@ -10,6 +10,8 @@ from ...io.files import check_unchanged
 from ..hiding import seal
 from .collect import complete
 
+CORES = 2  # of the target in targets.MINUTES
+
 
 def row(path: str | Path) -> dict:
     """Summarize a diagnosis.json.
@@ -30,8 +32,8 @@ def row(path: str | Path) -> dict:
     }
 
 
-def minutes(benchmarks: Sequence[str | Path], cores: int = 2) -> float | None:
-    """Return the duration of jobs from Snakemake's benchmarks, minutes, divided by the cores; None without benchmarks.
+def minutes(benchmarks: Sequence[str | Path]) -> float | None:
+    """Return the duration of jobs from Snakemake's benchmarks on CORES cores, minutes; None without benchmarks.
 
     Raises
     ------
@@ -45,4 +47,4 @@ def minutes(benchmarks: Sequence[str | Path], cores: int = 2) -> float | None:
             seconds += [float(line.split("\t")[header.split("\t").index("s")]) for line in lines]
         except (OSError, ValueError, IndexError):
             raise InputError(f"{path}: is not a benchmark of a job; delete it and run the job again") from None
-    return sum(seconds) / 60 / cores if seconds else None
+    return sum(seconds) / 60 / CORES if seconds else None
