@@ -155,7 +155,7 @@ class Edges:
 
         def make() -> dict[str, np.ndarray]:
             ends = {name: EDGES[name][:2] for name in self.names}
-            passed = {scene: self._mean(scene, pose, _transmission) for scene in {*chain.from_iterable(ends.values())}}
+            passed = {scene: self._transmission(scene, pose) for scene in {*chain.from_iterable(ends.values())}}
             return {name: np.log(passed[start] / passed[end]) for name, (start, end) in ends.items()}
 
         return self._cache.get(pose, make)
@@ -166,17 +166,20 @@ class Edges:
         Neighboring rays share errors. Weights of rays count them as independent, so the variance is multiplied by the
         number of rays that vary together, which the change by sharp edges shows.
         """
-        variance = self._object.unknown_mm * self._mean("variance", pose)
-        change = self._mean("rough", pose) - self._mean("stated", pose)
+        variance = self._object.unknown_mm * self._lines("variance", pose)
+        change = self._lines("rough", pose) - self._lines("stated", pose)
         there = variance > EDGE_SHARE * variance.max()
         scaled = np.divide(change, np.sqrt(variance), out=np.zeros_like(variance), where=there)
         return np.sqrt(variance * np.prod([together(scaled, axis) for axis in range(3)]))
 
-    def _mean(self, name: str, pose: Pose, function: Callable = np.asarray) -> np.ndarray:
-        """Return the mean of a function of the line integrals of a scene over each pixel."""
+    def _lines(self, name: str, pose: Pose) -> np.ndarray:
+        return _lengths(self._object.scenes[name], self._geometry, self._samples, pose)[0]
+
+    def _transmission(self, name: str, pose: Pose) -> np.ndarray:
+        """Return the mean transmission of the rays of each pixel."""
 
         def of_rays(rays: ScanGeometry) -> np.ndarray:
-            return function(self._object.scenes[name].path_lengths(rays, pose)[0])
+            return _transmission(self._object.scenes[name].path_lengths(rays, pose)[0])
 
         return _over_pixels(of_rays, self._geometry, self._samples, finely=True).astype(np.float32)
 
