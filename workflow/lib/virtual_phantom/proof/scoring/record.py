@@ -16,6 +16,7 @@ from ...report.proof import tally
 from ...statistics.proof_record import QUANTITIES, Count, RecordedRun, read_proof_record
 from .intervals import share_of
 from .registration import attempts
+from .targets import TARGETS
 
 # Part of a page that `filled` replaces
 RESULTS = re.compile(r"(<!-- blind validation: results -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -85,7 +86,9 @@ def result_table(
     worst: Mapping[str, str],
 ) -> list[str]:
     """Return the lines of a Markdown table, of results as in RecordedRun."""
+    signs = {"at least": "≥", "at most": "≤"}
     columns = {
+        "target": {name: f"{signs[sense]} {100 * share:g} %" for name, (share, sense) in TARGETS.items()},
         "result (95 % interval)": {name: _share(pair) for name, pair in counts.items()},
         "worst class": worst,
         "by significance": {name: _share(pair) for name, pair in by_significance.items()},
@@ -94,7 +97,7 @@ def result_table(
     columns = {title: cells for title, cells in columns.items() if cells}
     lines = [f"| test | {' | '.join(columns)} |", "|---|" + "---|" * len(columns)]
     for name, quantity in QUANTITIES.items():
-        if any(name in cells for cells in columns.values()):
+        if name in {*counts, *own, *by_significance}:
             lines.append(f"| {quantity} | {' | '.join(cells.get(name, '') for cells in columns.values())} |")
     return lines
 
