@@ -342,9 +342,13 @@ def test_broken_diagnosis_is_named(tmp_path):
 
 
 def test_broken_table_is_named(tmp_path):
-    others = OTHERS | {"case_01": {"contrast": {"before": metric(0, 0, 0)["before"]}}}
-    with pytest.raises(InputError, match="held_out_protocol.json: contrast has no before, after and floor"):
-        collect(**write_suite(tmp_path, others=others))
+    broken = {"metrics": {"contrast": {"before": metric(0, 0, 0)["before"]}}}
+    for folder, table, line in (
+        ("entry", broken, "contrast has no before, after and floor"),
+        ("table", broken["metrics"], "has no metrics"),
+    ):
+        with pytest.raises(InputError, match=f"held_out_protocol.json: {line}"):
+            collect(**write_suite(tmp_path / folder, others=OTHERS | {"case_01": table}))
 
 
 def test_group_of_equals_scores_its_share_and_is_never_exact():

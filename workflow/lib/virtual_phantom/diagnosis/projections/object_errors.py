@@ -53,7 +53,7 @@ EDGES = {
 # object with voxels of a third of a pixel, line integrals are then wrong by 0.0008 (RMS), else by 0.0015.
 PARTS_PER_PIXEL, PARTS_PER_PIXEL_OF_LABELS = (3, 3, 3), (3, 6, 6)
 # Rays per pixel along the columns for changes at edges of voxels. With 2, line integrals at the edge of a disc had
-# errors of up to 0.009 (RMS), equal in all views if it is centered, and fitted source distances were up to ten standard
+# errors of up to 0.009 (RMS), equal in all views if it is centered. Fitted source distances were up to ten standard
 # deviations off. With 8, errors are 0.002, as with 16.
 EDGE_RAYS = 8
 MOST_PARTS, WIDER = 4, 0.1  # a part may be wider by this share, so that a fitted magnification changes nothing
@@ -155,7 +155,7 @@ class Edges:
 
         def make() -> dict[str, np.ndarray]:
             ends = {name: EDGES[name][:2] for name in self.names}
-            passed = {scene: self._transmission(scene, pose) for scene in {*chain.from_iterable(ends.values())}}
+            passed = {scene: self._mean_transmission(scene, pose) for scene in {*chain.from_iterable(ends.values())}}
             return {name: np.log(passed[start] / passed[end]) for name, (start, end) in ends.items()}
 
         return self._cache.get(pose, make)
@@ -175,7 +175,7 @@ class Edges:
     def _lines(self, name: str, pose: Pose) -> np.ndarray:
         return _lengths(self._object.scenes[name], self._geometry, self._samples, pose)[0]
 
-    def _transmission(self, name: str, pose: Pose) -> np.ndarray:
+    def _mean_transmission(self, name: str, pose: Pose) -> np.ndarray:
         """Return the mean transmission of the rays of each pixel."""
 
         def of_rays(rays: ScanGeometry) -> np.ndarray:
