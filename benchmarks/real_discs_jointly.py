@@ -2,7 +2,7 @@
 
 The folder RECORDINGS holds sinograms of the Helsinki Tomography Challenge 2022, imported as in
 docs/validation/real-discs.md. Prints Markdown tables: the prediction of each disc, the parameters from two disjoint
-halves of the discs, and the residuals on smooth parts. Discs of --judged-on are for testing only.
+halves of the discs, and the residuals on smooth parts. Discs of --test-recordings are for testing only.
 """
 
 import time
@@ -91,7 +91,7 @@ def print_halves(discs: Mapping[str, Prepared], effects: Sequence[str]) -> None:
 def add_arguments(parser):
     parser.add_argument("recordings", type=Path)
     parser.add_argument("--view-step", type=int, default=48, help="distance of the views that are fitted or held out")
-    parser.add_argument("--judged-on", nargs="+", default=[], help="discs for testing only")
+    parser.add_argument("--test-recordings", nargs="+", default=[], help="discs for testing only")
     parser.add_argument("--effects", nargs="+", default=["spectrum", "dark_signal", "veiling_glare", "scatter"])
 
 
@@ -100,7 +100,7 @@ def run(options):
     names = sorted(path.name for path in options.recordings.iterdir() if path.is_dir())
     discs = {name: prepared(options.recordings, name, options.view_step) for name in names}
     accuracy = defaults_of("diagnosis", "model_accuracy")
-    found = run_scanner_diagnosis("bench", discs, options.effects, accuracy, judged_on=options.judged_on)
+    found = run_scanner_diagnosis("bench", discs, options.effects, accuracy, test_recordings=options.test_recordings)
     print(found.content["sentence"], "\n")
     for effect in found.content["effects"]:
         numbers = (f"{key} {one['value']:.4g} {one['ci95']}" for key, one in effect["parameters"].items())

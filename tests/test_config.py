@@ -614,15 +614,16 @@ def test_protocols_of_a_scanner_partition_its_recordings():
 
 def test_test_recordings_of_a_scanner_are_its_own_and_leave_two_for_selection():
     config = changed("recordings", {name: f"recordings/{name}" for name in "abcd"})
-    scanner = {"recordings": ["a", "b", "c"], "judged_on": ["c"]}
+    scanner = {"recordings": ["a", "b", "c"], "test_recordings": ["c"]}
     config["diagnosis"] = {"recordings": {name: {} for name in "abcd"}, "scanners": {"s": scanner}}
     complete(config)
-    scanner["judged_on"] = ["d"]
-    refuse(config, "diagnosis.scanners.s.judged_on names 'd', which does not exist; known: a, b, c")
-    scanner["judged_on"] = ["b", "c"]
+    scanner["test_recordings"] = ["d"]
+    refuse(config, "diagnosis.scanners.s.test_recordings names 'd', which does not exist; known: a, b, c")
+    scanner["test_recordings"] = ["b", "c"]
     refuse(
         config,
-        "diagnosis.scanners.s.judged_on leaves fewer than two recordings for the selection of effects; remove some",
+        "diagnosis.scanners.s.test_recordings leaves fewer than two recordings for the selection of effects; "
+        "remove some",
     )
 
 

@@ -76,26 +76,26 @@ def test_recordings_for_testing_are_not_used_in_selection_and_fit():
     two = {name: made[name] for name in ("large", "middle")}
     effects = ("scatter", "veiling_glare")
     plain = run_scanner_diagnosis("bench", two, effects, ACCURACY).content
-    found = run_scanner_diagnosis("bench", made, effects, ACCURACY, judged_on=["small"]).content
+    found = run_scanner_diagnosis("bench", made, effects, ACCURACY, test_recordings=["small"]).content
     validate(found, schema_of_kind(SCANNER), "scanner.json")
-    assert [name for name, one in found["recordings"].items() if one["judged"]] == ["small"]
+    assert [name for name, one in found["recordings"].items() if one["test"]] == ["small"]
     (actual,), (theirs,) = found["effects"], plain["effects"]
     assert actual["name"] == theirs["name"] == "scatter" and actual["evidence"] == theirs["evidence"]
     for key, one in actual["parameters"].items():
         assert one["value"] == theirs["parameters"][key]["value"] and set(one["without"]) == set(two)
         assert one["ci95"] == pytest.approx(theirs["parameters"][key]["ci95"])
     assert found["excess_rms_removed"] == plain["excess_rms_removed"]
-    judged = found["excess_rms_removed_judged"]
-    assert plain["excess_rms_removed_judged"] is None and judged["median"] == judged["worst"] > 0.8
+    judged = found["excess_rms_removed_in_tests"]
+    assert plain["excess_rms_removed_in_tests"] is None and judged["median"] == judged["worst"] > 0.8
     assert found["recordings"]["small"]["own"] == {} and not found["recordings"]["small"]["agreement"]["disagrees"]
     assert "in 2 recordings." in found["sentence"] and "Fit on small (not used for selection): " in found["sentence"]
-    assert "(judges only)" in scanner_page(found) and "(judges only)" not in scanner_page(plain)
+    assert "(test recording)" in scanner_page(found) and "(test recording)" not in scanner_page(plain)
 
 
 def test_inconsistent_test_recording_is_reported():
     strong = {"scatter": {"amount": 0.05, "width_mm": 60.0}}
     made = {name: prepare_recording(name, strong if name == "small" else SCATTER) for name in DISCS}
-    found = run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, judged_on=["small"]).content
+    found = run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, test_recordings=["small"]).content
     assert found["recordings"]["small"]["agreement"]["disagrees"] and found["verdict"] == "mismatch partly explained"
     assert "Disagreement: small disagrees with large, middle on shared parameters; " in found["sentence"]
     assert "<strong>disagrees</strong>" in scanner_page(found)
@@ -169,4 +169,4 @@ def test_correlated_errors_change_a_recording_less_than_independent_errors():
 def test_one_recording_plus_test_recordings_is_too_few():
     made = {name: prepare_recording(name, SCATTER) for name in ("large", "small")}
     with pytest.raises(InputError, match=r"diagnosis\.scanners\.bench\.recordings: needs two recordings"):
-        run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, judged_on=["small"])
+        run_scanner_diagnosis("bench", made, ("scatter",), ACCURACY, test_recordings=["small"])

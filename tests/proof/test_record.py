@@ -254,8 +254,8 @@ def test_diagnosis_states_the_coverage_of_each_interval_in_the_last_run(record):
     text = with_coverage(diagnosis("a", "mismatch explained", values), runs)
     first, second = (effect["parameters"] for effect in text["effects"])
     whole = {"count": 6, "n": 10}
-    assert first["amount"]["ci95_held"] == {"count": 1, "n": 4, "effects": ["scatter"], "all": whole}
-    assert first["amount"]["ci95"] == [0.0, 0.2] and second["x_mm"]["ci95_held"]["count"] is None
+    assert first["amount"]["ci95_coverage"] == {"count": 1, "n": 4, "effects": ["scatter"], "all": whole}
+    assert first["amount"]["ci95"] == [0.0, 0.2] and second["x_mm"]["ci95_coverage"]["count"] is None
     texts = [render_diagnosis("parameters", text, e=effect) for effect in text["effects"]]
     assert (
         "covered the true values of 1 of 4 parameters of scatter and of 6 of 10 parameters of all effects."

@@ -144,7 +144,9 @@ def test_diagnosis_of_another_case_is_detected_although_it_was_bound(tmp_path):
 
 def test_table_of_another_protocol_is_bound_too(tmp_path):
     suite_files = write_suite(tmp_path)
-    changed(suite_files["others"][0], lambda table: table["metrics"]["contrast"]["after"].update(relative_difference=0.0))
+    changed(
+        suite_files["others"][0], lambda table: table["metrics"]["contrast"]["after"].update(relative_difference=0.0)
+    )
     with pytest.raises(InputError, match="case_01/held_out_protocol.json: was changed after its verdict"):
         collect(**suite_files)
     del suite_files["others"][0]

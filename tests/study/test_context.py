@@ -260,7 +260,7 @@ def test_recordings_of_a_scanner_declare_the_same_physics(tmp_path):
     assert "scatter" not in found.shared_candidates("bench") and "scatter" in found.candidates["one"]
     known = {name: one.settings.baseline for name, one in found.models("bench").items()}
     assert known == dict.fromkeys(("one", "two"), stated(0.1)) and "scatter" in found.in_fits("one")
-    judged = bench(recordings=["one", "two", "three"], judged_on=["three"])
+    judged = bench(recordings=["one", "two", "three"], test_recordings=["three"])
     assert [*judged.models("bench")] == ["one", "two", "three"]
     assert [*judged.models("bench", judged=False)] == ["one", "two"]
     assert not found.settings["one"].baseline

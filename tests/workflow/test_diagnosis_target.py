@@ -81,7 +81,7 @@ def test_hidden_effects_are_named_and_the_report_exists(bench):
         least, most = effects[name][key]["ci95_noise"]
         assert low < least < most < high  # with model errors
         assert low - (high - low) / 2 < HIDDEN[name][key] < high + (high - low) / 2
-    assert effects["electronic_noise"]["photons"]["ci95_held"]["all"]["n"] > 0
+    assert effects["electronic_noise"]["photons"]["ci95_coverage"]["all"]["n"] > 0
     assert found["excess_removed"] > 0.9
     report = (folder / "report.html").read_text()
     assert report.startswith("<!doctype html>") and shown(found, html.unescape(report))
@@ -204,7 +204,7 @@ def diagnosis_of_more(bench, target, second=QUICK):
                 "second": second,
                 "third": QUICK | {"check_setup": True},
             },
-            "scanners": {"room": {"recordings": OF_SCANNER, "judged_on": OF_SCANNER[2:]}},
+            "scanners": {"room": {"recordings": OF_SCANNER, "test_recordings": OF_SCANNER[2:]}},
         },
     }
     process = tiny(bench / "results", target, overlay=overlay, config_folder=bench / "next")
@@ -231,13 +231,13 @@ def test_recordings_of_a_scanner_are_diagnosed_together(further):
     folder = further[0] / "scanners" / "room"
     found = json.loads((folder / "scanner.json").read_text())
     assert [effect["name"] for effect in found["effects"]] == ["scatter"] and shown(found, further[1])
-    assert [(name, one["judged"]) for name, one in found["recordings"].items()] == [
+    assert [(name, one["test"]) for name, one in found["recordings"].items()] == [
         *zip(OF_SCANNER, (False, False, True), strict=True)
     ]
     assert not any(recording["agreement"]["disagrees"] for recording in found["recordings"].values())
     physics = yaml.safe_load((folder / "physics.yaml").read_text())["physics"]["scatter"]
     assert physics["amount"] == found["effects"][0]["parameters"]["amount"]["value"] == pytest.approx(0.04, rel=0.1)
-    assert "(judges only)" in (folder / "report.html").read_text()
+    assert "(test recording)" in (folder / "report.html").read_text()
 
 
 def test_only_outputs_affected_by_a_change_are_made_again(bench, further):

@@ -71,7 +71,7 @@ def test_table_figure_and_recording_exist(ranked):
         assert (np.diff(part["information_gain_nats"]) <= 0).all()
     for name in ("ranking.png", "ranking.pdf"):
         assert (folder / "next_measurement" / name).stat().st_size > 1000
-    ambiguous = pd.read_csv(folder / "next_measurement" / "alike.csv")
+    ambiguous = pd.read_csv(folder / "next_measurement" / "effect_correlations.csv")
     assert set(ambiguous.iloc[0][["effect", "other"]]) == {"detector_offset", "centre_of_rotation"}
     assert ambiguous.iloc[0]["together"] > 0.95
 

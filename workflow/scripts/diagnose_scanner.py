@@ -24,7 +24,7 @@ def main(
     effects: Sequence[str],
     accuracy: Mapping[str, float],
     protocols: Mapping,
-    judged_on: Sequence[str],
+    test_recordings: Sequence[str],
     threads: int,
 ) -> None:
     setups = {name: read_setup(path) for name, path in zip(models, setup_files, strict=True)}
@@ -36,7 +36,7 @@ def main(
         request = DiagnosisRequest.of(model, phantom_file, threads).located(setups[name]["location"])
         _, prepared[name] = prepare_recording(request)
     objects = {name: scanned_in(model.settings) for name, model in models.items()}
-    found = run_scanner_diagnosis(scanner, prepared, effects, accuracy, protocols, objects, judged_on)
+    found = run_scanner_diagnosis(scanner, prepared, effects, accuracy, protocols, objects, test_recordings)
     write_scanner_results(found, prepared, output)
     log.info("%s", console_text(found.content))
     print(console_text(found.content))
@@ -53,6 +53,6 @@ if "snakemake" in globals():
             effects=snakemake.params.effects,
             accuracy=snakemake.params.accuracy,
             protocols=snakemake.params.protocols,
-            judged_on=snakemake.params.judged_on,
+            test_recordings=snakemake.params.test_recordings,
             threads=snakemake.threads,
         )

@@ -66,7 +66,7 @@ def main(
         found = rank(prepared, chosen, ambiguities, possible(prepared), protocols)
         rows = ranking_table(found)
         write_text(rows.to_csv(index=False), folder / "ranking.csv")
-        write_text(similarity_table(alike).to_csv(index=False), folder / "alike.csv")
+        write_text(similarity_table(alike).to_csv(index=False), folder / "effect_correlations.csv")
         save(draw_ranking(rows, AS_GOOD), [folder / "ranking.png", folder / "ranking.pdf"])
         document = made[first][0].document.content
         text = recording_template(first, found.ranked[0], document, settings, len(document["repeats"]))

@@ -505,10 +505,10 @@ class Rules:
             yield from self._protocols_of_scanner(name, scanner)
 
     def _judged_of_scanner(self, name: str, scanner: dict) -> Iterator[str]:
-        where = f"diagnosis.scanners.{name}.judged_on"
-        for recording in scanner["judged_on"]:
+        where = f"diagnosis.scanners.{name}.test_recordings"
+        for recording in scanner["test_recordings"]:
             yield from self._known(recording, scanner["recordings"], where)
-        if len(set(scanner["recordings"]) - set(scanner["judged_on"])) < 2:
+        if len(set(scanner["recordings"]) - set(scanner["test_recordings"])) < 2:
             yield f"config: {where} leaves fewer than two recordings for the selection of effects; remove some from it"
 
     def _protocols_of_scanner(self, name: str, scanner: dict) -> Iterator[str]:

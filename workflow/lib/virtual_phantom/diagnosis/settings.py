@@ -200,7 +200,7 @@ class ScannerSettings:
 
     Attributes
     ----------
-    judged_on : tuple of str
+    test_recordings : tuple of str
         Recordings that are only used for validation.
     protocols : dict of str to tuple of str
         {protocol: recordings}.
@@ -209,7 +209,7 @@ class ScannerSettings:
     """
 
     recordings: tuple[str, ...]
-    judged_on: tuple[str, ...]
+    test_recordings: tuple[str, ...]
     protocols: dict[str, tuple[str, ...]]
     baseline: Baseline
     effects: tuple[str, ...] | None = None

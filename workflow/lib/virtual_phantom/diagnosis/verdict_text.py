@@ -349,7 +349,7 @@ def setup_lines(setup: Mapping, scanned: str) -> list[VerdictLine | None]:
 def scanner_lines(content: Mapping) -> list[VerdictLine | None]:
     """Return the lines of the joint diagnosis of a scanner's recordings."""
     recordings = content["recordings"]
-    tests = [name for name, recording in recordings.items() if recording["judged"]]
+    tests = [name for name, recording in recordings.items() if recording["test"]]
     unexplained = [name for name, recording in recordings.items() if recording["unexplained"]]
     disagreement = _disagreement(recordings)
     count = len(recordings) - len(tests)
@@ -363,7 +363,7 @@ def scanner_lines(content: Mapping) -> list[VerdictLine | None]:
     return [
         VerdictLine("Shared missing physics", shared),
         _removed("Fit on held-out recordings", content["excess_rms_removed"]),
-        _removed(f"Fit on {', '.join(tests)} (not used for selection)", content["excess_rms_removed_judged"]),
+        _removed(f"Fit on {', '.join(tests)} (not used for selection)", content["excess_rms_removed_in_tests"]),
         contradiction(content),
         *(
             contradiction({"declared": declared}, f" of protocol {key}")
@@ -384,7 +384,7 @@ def _removed(subject: str, removed: Mapping[str, float] | None) -> VerdictLine |
 def _disagreement(recordings: Mapping[str, Mapping]) -> VerdictLine | None:
     """Return which recordings disagree with the others on shared parameters."""
     agreement = {name: recording["agreement"] for name, recording in recordings.items()}
-    fitted = [name for name, recording in recordings.items() if not recording["judged"]]
+    fitted = [name for name, recording in recordings.items() if not recording["test"]]
     off = [name for name, found in agreement.items() if found and found["disagrees"]]
     if not off:
         return None

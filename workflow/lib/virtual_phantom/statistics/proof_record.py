@@ -102,8 +102,8 @@ def _pairs(counts: Mapping[str, Sequence]) -> dict[str, Count]:
 def with_coverage(content: dict, runs: Sequence[RecordedRun]) -> dict:
     """Add the coverage of 95 % intervals in the published run to the content of diagnosis.json.
 
-    Every parameter gets `ci95_held`: {count, n, effects, all: {count, n}}. `effects` are the effects that were counted
-    together; count, n and effects are None if the coverage is unknown. `all` counts all effects.
+    Every parameter gets `ci95_coverage`: {count, n, effects, all: {count, n}}. `effects` are the effects that were
+    counted together; count, n and effects are None if the coverage is unknown. `all` counts all effects.
     """
     count, n = runs[-1].counts["intervals"]
 
@@ -114,6 +114,6 @@ def with_coverage(content: dict, runs: Sequence[RecordedRun]) -> dict:
 
     effects = []
     for effect in content["effects"]:
-        added = {"ci95_held": coverage(effect["name"])}
+        added = {"ci95_coverage": coverage(effect["name"])}
         effects.append(effect | {"parameters": {key: value | added for key, value in effect["parameters"].items()}})
     return content | {"effects": effects}

@@ -201,11 +201,11 @@ class Diagnosis:
         Parameters
         ----------
         judged : bool, optional
-            Whether to include the recordings of `judged_on`, which are not fitted.
+            Whether to include the recordings of `test_recordings`, which are not fitted.
         """
         models = {}
         for name in self.scanners[scanner].recordings:
-            if name in self.scanners[scanner].judged_on and not judged:
+            if name in self.scanners[scanner].test_recordings and not judged:
                 continue
             model = self.model(name)
             models[name] = replace(model, settings=replace(model.settings, baseline=self._baseline(scanner, name)))

@@ -132,15 +132,15 @@ def alone_content(found: Alone | None) -> dict:
     return {"alone": fitted, "agreement": agreement}
 
 
-def removed(recordings: Mapping[str, Mapping], judged: bool) -> dict | None:
+def removed(recordings: Mapping[str, Mapping], test: bool) -> dict | None:
     """Return median and worst share of the excess RMS that is removed, over recordings; None without a recording.
 
     Parameters
     ----------
-    judged : bool
+    test : bool
         Whether to use the recordings that were not fitted; else the fitted ones.
     """
-    chosen = [recording for recording in recordings.values() if recording["judged"] == judged]
+    chosen = [recording for recording in recordings.values() if recording["test"] == test]
     shares = [share for recording in chosen if (share := recording["excess_rms_removed"]) is not None]
     return {"median": float(np.median(shares)), "worst": float(np.min(shares))} if shares else None
 

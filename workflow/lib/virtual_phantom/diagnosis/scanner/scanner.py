@@ -59,7 +59,7 @@ def run_scanner_diagnosis(
     accuracy: Mapping[str, float],
     protocols: Mapping[str, Sequence[str]] | None = None,
     objects: Mapping[str, str] | None = None,
-    judged_on: Sequence[str] = (),
+    test_recordings: Sequence[str] = (),
 ) -> ScannerDiagnosis:
     """Select the effects that explain recordings together, and judge them on each by the physics of the others.
 
@@ -71,7 +71,7 @@ def run_scanner_diagnosis(
         See protocols_of.
     objects : mapping of str to str, optional
         Scanned object of each recording. Recordings of one object are held out together.
-    judged_on : sequence of str, optional
+    test_recordings : sequence of str, optional
         Test recordings: they are used neither to select effects nor to fit physics.
 
     Raises
@@ -80,16 +80,16 @@ def run_scanner_diagnosis(
         For fewer than two recordings.
     """
     every = JointFitter({key: data.fitter for key, data in prepared.items()}, protocols_of(prepared, protocols))
-    together = every.without(judged_on)
+    together = every.without(test_recordings)
     with naming(f"diagnosis.scanners.{name}.recordings"):
         choice = choose_jointly(together, candidates, accuracy, objects)
-    judged, chosen = _TestRecordings.of(every, choice, judged_on), choice.chosen
+    judged, chosen = _TestRecordings.of(every, choice, test_recordings), choice.chosen
     errors: Mapping[str, Mapping] = {}
     each_alone: Mapping[str, Alone] = {}
     if together.with_declared_effects(chosen.effects):
         scans = influences_of_recordings(every, judged.chosen, judged.without, accuracy)
         errors = joint_errors_with_models({key: scans[key] for key in together.fitters})
-        each_alone = alone(every, chosen, scans, judged_on)
+        each_alone = alone(every, chosen, scans, test_recordings)
     known, of_protocols = declared_content(together, chosen, errors)
     off = any(
         value["off"]
@@ -99,7 +99,7 @@ def run_scanner_diagnosis(
     )
     before, after, scores = choice.before | judged.before, choice.left_out | judged.after, choice.scores | judged.scores
     recordings = {
-        key: {"judged": key in judged_on, "protocol": every.protocols[key]}
+        key: {"test": key in test_recordings, "protocol": every.protocols[key]}
         | recording_content(data, before[key], after[key], scores[key], len(prepared))
         | alone_content(each_alone.get(key))
         for key, data in prepared.items()
@@ -114,8 +114,8 @@ def run_scanner_diagnosis(
         "declared": known,
         "declared_of_protocols": of_protocols,
         "recordings": recordings,
-        "excess_rms_removed": removed(recordings, judged=False) if chosen.effects else None,
-        "excess_rms_removed_judged": removed(recordings, judged=True) if chosen.effects else None,
+        "excess_rms_removed": removed(recordings, test=False) if chosen.effects else None,
+        "excess_rms_removed_in_tests": removed(recordings, test=True) if chosen.effects else None,
         "effects_tried": list(candidates),
     }
     return ScannerDiagnosis(choice, with_verdict_text(content, scanner_lines(content)))
