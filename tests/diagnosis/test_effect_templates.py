@@ -5,20 +5,20 @@ import csv
 import numpy as np
 import pytest
 from generators import effect_templates
+from generators.effect_templates import (
+    Template,
+    absorbed_in_range,
+    correlations,
+    grouped,
+    shares_of_parts,
+    split,
+    templates_of_effects,
+)
 
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.names import label
 from virtual_phantom.diagnosis.fitting.problem import Problem
 from virtual_phantom.diagnosis.fitting.templates import data_changes, projected
-from virtual_phantom.diagnosis.planning.separability import (
-    Template,
-    absorbed_in_range,
-    correlations,
-    grouped,
-    shares,
-    split,
-    templates_of_effects,
-)
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, applicable_effects, names
@@ -57,7 +57,7 @@ def test_noise_has_no_share_in_the_mean_and_flux_has_its_closed_form(disc):
     fitter, fit = disc
     quiet = ("electronic_noise", "current_modulation", "photon_flux", "heel", "bowtie")
     for one in templates_of_effects(fitter, fit, quiet):
-        found = shares(fitter, one.change)
+        found = shares_of_parts(fitter, one.change)
         assert found["mean"] < 1e-3 and sum(found.values()) == pytest.approx(1)
         assert (found["white field"] > 0.01) == (one.effect in ("heel", "bowtie"))
     (flux,) = templates_of_effects(fitter, fit, ["photon_flux"])
@@ -96,7 +96,7 @@ def test_crosstalk_of_light_and_of_x_rays_differ_in_noise(disc):
     xray, light = (templates_of_effects(fitter, fit, [name])[0] for name in ("xray_crosstalk", "optical_crosstalk"))
     means = [split(fitter, one.change)["mean"] for one in (xray, light)]
     assert means[0] @ means[1] > 0.999 * np.linalg.norm(means[0]) * np.linalg.norm(means[1])
-    assert shares(fitter, xray.change)["noise correlation"] == 0
+    assert shares_of_parts(fitter, xray.change)["noise correlation"] == 0
     # (c, 1 - 2c, c) with c = 0.03 as a matrix that conserves the signal at edges. Its square is the covariance of a
     # uniform signal. Columns at the disc's edges differ slightly.
     columns = fitter.data.mean.shape[2]
