@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_scans import scans_of
+from simulated_scans import disc_bench, scans_of
 
-from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.discretization import model_and_floor
@@ -18,16 +17,7 @@ from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 PHOTONS, UNEVEN = 1e5, 0.2
 ACCURACY = {"default": 0.02, "numerical": 0.1}
 TRIED = ("dark_signal", "gain_pattern", "scatter", "afterglow")
-GEOMETRY = circular(
-    views=40,
-    source_to_isocentre_mm=570.0,
-    source_to_detector_mm=1040.0,
-    columns=64,
-    rows=4,
-    column_pitch_mm=7.0,
-    row_pitch_mm=7.0,
-    view_interval_ms=10.0,
-)
+GEOMETRY = replace(disc_bench(view_interval_ms=10.0), columns=64, rows=4, column_pitch_mm=7.0, row_pitch_mm=7.0)
 LEVEL = {"dark_signal": {"level_units": 300.0, "drift_units_per_s": 0.0}}
 
 

@@ -70,6 +70,11 @@ class Fit:
     pattern: Pattern | None = field(default=None, repr=False)
 
     @property
+    def of_dark_signals(self) -> bool:
+        """Whether the pattern is one of dark signals."""
+        return self.pattern is not None and self.pattern.per_constant is not None
+
+    @property
     def deviance(self) -> float:
         """Chi-square plus the penalty of a pattern: minus twice the log likelihood, up to a constant."""
         return self.chi_square + (0.0 if self.pattern is None else self.pattern.penalty)
@@ -210,8 +215,7 @@ class Fitter:
 
         An effect that explains a part of the pattern makes the priors narrower, which would raise chi-square.
         """
-        kinds = [one.pattern is not None and one.pattern.per_constant is not None for one in (fit, without)]
-        if without.pattern is None or kinds[0] != kinds[1]:
+        if without.pattern is None or fit.of_dark_signals != without.of_dark_signals:
             return fit
         problem = Problem.at(self, fit)
         problem.pattern = without.pattern

@@ -20,11 +20,17 @@ PRIOR_BOUND_SD = 5.0
 # - simulation: the user's own simulation averages over its pixels in a way that is known to 3 % of this average.
 NUMERICAL = {"rays": (1.0, 1 / 3), "voxels": (0.28, 0.06), "simulation": (0.0, 0.03)}
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm of a stated number of photons
-# Default standard deviations: a density, the drift of the tube since the air scan, and the position and rotation of an
-# object that is placed by hand; choices.
-DEFAULT_SD = {"scale": 0.005, "offset": 0.002, "x_mm": 1.0, "y_mm": 1.0, "z_mm": 1.0, "turn_deg": 0.5}
+# Unit, expected value and default standard deviation; choices. The air offset is the drift of the tube since the air
+# scan. Position and rotation are those of an object that is placed by hand.
+DEFAULTS = {
+    "scale": ("1", 1.0, 0.005),
+    "offset": ("1", 0.0, 0.002),
+    "x_mm": ("mm", 0.0, 1.0),
+    "y_mm": ("mm", 0.0, 1.0),
+    "z_mm": ("mm", 0.0, 1.0),
+    "turn_deg": ("degrees", 0.0, 0.5),
+}
 LOCATION = ("x_mm", "y_mm", "z_mm")
-UNITS = dict.fromkeys(LOCATION, "mm") | {"turn_deg": "degrees"}
 PLACE = (*LOCATION, "turn_deg")
 POSES = (*PLACE, "size")
 PIECE = "piece_"  # prefix of the names of local mismatches' attenuation
@@ -83,7 +89,7 @@ def nuisances(
     location : mapping of str to float, optional
         Expected position of the object, names of PLACE; 0 for names that are not stated.
     """
-    defaults = {name: (UNITS.get(name, "1"), float(name == "scale"), sd) for name, sd in DEFAULT_SD.items()}
+    defaults = dict(DEFAULTS)
     for name, value in (location or {}).items():
         defaults[name] = (defaults[name][0], value, defaults[name][2])
     if "size" in known:  # of the object; an image states the size of its voxels

@@ -56,7 +56,7 @@ class FitCache:
 
         Fits with a pattern of dark signals are not stored, because this pattern is as large as the data.
         """
-        if found.fit.pattern is not None and found.fit.pattern.per_constant is not None:
+        if found.fit.of_dark_signals:
             return
         try:
             write_trial(found, self._path(effects), self._made_of(effects, *rest))

@@ -18,7 +18,7 @@ from ...base.vectors import FLAT
 from ...recordings.projections import BITS_8, CLIPPED, Projections, ProjectionsRecording, quantized
 from ...recordings.recording import Recording
 from ...recordings.scan import ELEMENT, UNKNOWN
-from ..fitting.nuisance import DEFAULT_SD
+from ..fitting.nuisance import DEFAULTS
 from ..projections.observed import MEDIAN_SQUARE, Scans, scans
 from ..verdict.verdict import Diagnosis, unfitted_diagnosis
 from ..verdict_text import VerdictLine
@@ -28,7 +28,7 @@ from .data_checks import noise_by_transmission, smooth_transmission
 OBJECT_UNKNOWN = "object not known"  # verdict
 EDGE = 0.01  # share of the columns at either edge that may see air
 EVEN, MOST_UNEVEN = 5.0, 0.05  # edges are air if at most this share is beyond these robust standard deviations
-AIR_TOLERANCE = DEFAULT_SD["offset"]  # of line integrals in air
+AIR_TOLERANCE = DEFAULTS["offset"][2]  # of line integrals in air
 MOST_ROWS = 64  # rows that are tested for noise and defects
 FEWEST_VIEWS = 30  # in which an object does not stand still, so that a defect is the pixel's
 LEAST_GOOD = 0.5  # share of the views in which a tested pixel is usable

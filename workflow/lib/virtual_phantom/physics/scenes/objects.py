@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from ...base.data import SCHEMAS
-from ...base.errors import InputError, did_you_mean
+from ...base.errors import InputError, did_you_mean, naming
 from ...base.names import same_but_for_case
 from ...base.settings import ShapedRoi, ShapesPhantom
 from ...io.schema import fill_defaults, read_schema, validate
@@ -73,10 +73,8 @@ def read_object(kind: str, parameters: Mapping[str, float | str] | None = None) 
     schema = read_schema(SCHEMAS / "object.schema.yaml")
     validate(content, schema, source)
     fill_defaults(content, schema)
-    try:
+    with naming(source):
         return _object(path.stem, content, dict(parameters or {}))
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
 
 
 def read_phantom_object(settings: ShapesPhantom) -> tuple[ShapedObject, tuple[ShapedRoi, ...]]:
