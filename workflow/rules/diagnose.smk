@@ -68,7 +68,9 @@ rule diagnose_scanner:
         effects=lambda wildcards: diagnosis.shared_candidates(wildcards.scanner),
         accuracy=context.study.diagnosis.model_accuracy,
         protocols=lambda wildcards: diagnosis.scanners[wildcards.scanner].protocols,
-        test_recordings=lambda wildcards: diagnosis.scanners[wildcards.scanner].test_recordings,
+        test_recordings=lambda wildcards: diagnosis.scanners[
+            wildcards.scanner
+        ].test_recordings,
         code=lambda wildcards: code(
             "diagnose_scanner.py",
             diagnosis.in_fits(*diagnosis.scanners[wildcards.scanner].recordings),
