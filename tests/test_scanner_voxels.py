@@ -11,7 +11,7 @@ from virtual_phantom.base.geometry import Grid, circular, helical
 from virtual_phantom.base.settings import FbpSettings, from_mapping
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction import boxes, slices
-from virtual_phantom.reconstruction.fbp import ParallelProjections, fbp
+from virtual_phantom.reconstruction.fbp import Filter, ParallelProjections, fbp
 from virtual_phantom.reconstruction.images import filtered, reconstruct_hu
 from virtual_phantom.reconstruction.kernel import Kernel, NoiseKernel
 
@@ -35,8 +35,8 @@ def fbp_settings(kernel, noise_kernel=None):
 
 
 def in_boxes(lines, grid, made, kernel=None, noise_kernel=None, clean=None, thickness_mm=None):
-    projections = filtered(lines, HELIX, fbp_settings(kernel, noise_kernel), clean)
-    return boxes.back_in_boxes(projections, grid, made, mu_water_per_mm=MU, thickness_mm=thickness_mm)
+    projections = filtered(lines, HELIX, [fbp_settings(kernel, noise_kernel)], clean)
+    return boxes.back_in_boxes(projections, grid, made, mu_water_per_mm=MU, thickness_mm=thickness_mm)[0]
 
 
 @pytest.fixture(scope="module")
@@ -200,10 +200,10 @@ def test_noise_of_a_scan_falls_with_thickness_as_for_interpolated_rows():
     noise = np.random.default_rng(6).normal(0, 0.01, (8, *scan.shape)).astype(np.float32)
     grid = Grid((12, 3, 3), (1.0, 1.0, 1.0))
     box = (slice(2, 10), slice(0, 3), slice(0, 3))
-    projections = ParallelProjections.of(noise, scan, SMOOTH)
+    projections = ParallelProjections.of(noise, scan, [Filter(SMOOTH)])
     variance = {
         thickness: boxes.back_in_boxes(projections, grid, [box], mu_water_per_mm=MU, thickness_mm=thickness)[
-            :, *box
+            0, :, *box
         ].var()
         for thickness in (1.5, 2.0, 3.0)
     }

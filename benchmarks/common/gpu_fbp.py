@@ -18,7 +18,7 @@ from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.projectors import parallel_cuda
 from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, volume_geometry
 from virtual_phantom.reconstruction.boxes import back_in_boxes, boxes_around, voxels_over
-from virtual_phantom.reconstruction.fbp import ParallelProjections
+from virtual_phantom.reconstruction.fbp import Filter, ParallelProjections
 from virtual_phantom.reconstruction.images import kernel_of
 
 PROTOCOLS = ("group_2", "group_8", "whole_fbp")
@@ -106,13 +106,17 @@ def parts_of(config, name, grid):
     return fine, boxes_around([roi.mask for roi in rois], fine), voxels.thickness_mm
 
 
+def projected(lines, geometry, kernel, engine="cpu"):
+    return ParallelProjections.of(lines, geometry, [Filter(kernel)], engine=engine)
+
+
 def print_protocol(config, name, lines, geometry, grid):
     fine, boxes, thickness_mm = parts_of(config, name, grid)
     kernel = kernel_of(config.protocols[name])
     settings = dict(mu_water_per_mm=config.mu_water_per_mm, thickness_mm=thickness_mm)
 
     def on_gpu():
-        return back_in_boxes(ParallelProjections.of(lines, geometry, kernel, "astra_cuda"), fine, boxes, **settings)
+        return back_in_boxes(projected(lines, geometry, kernel, "astra_cuda"), fine, boxes, **settings)[0]
 
     on_gpu()  # CuPy compiles
     seconds, image = seconds_of(on_gpu, REPEATS)
@@ -124,9 +128,9 @@ def print_protocol(config, name, lines, geometry, grid):
     rays = None
     for threads in (os.cpu_count(), 1):
         if rays is None:
-            filtering, rays = seconds_of(lambda: ParallelProjections.of(lines, geometry, kernel), 1)
+            filtering, rays = seconds_of(lambda: projected(lines, geometry, kernel), 1)
             back_in_boxes(rays, fine, boxes[:1], **settings)  # Numba compiles
-        took, theirs = seconds_of(lambda: back_in_boxes(rays, fine, boxes, threads=threads, **settings), 1)  # noqa: B023
+        took, theirs = seconds_of(lambda: back_in_boxes(rays, fine, boxes, threads=threads, **settings)[0], 1)  # noqa: B023
         print(
             f"  CPU, {threads} threads: {filtering + took:.2f} s, of which rebinning and filter {filtering:.2f} s (one "
             f"thread) and back-projection {took:.2f} s",
@@ -200,8 +204,8 @@ def print_rivals(geometry, grid, object_, kernel):
     box = [tuple(slice(0, count) for count in grid.shape)]
 
     def ours():
-        projections = ParallelProjections.of(lines, scan, kernel, "astra_cuda")
-        return back_in_boxes(projections, cubes, box, mu_water_per_mm=0.02)
+        projections = projected(lines, scan, kernel, "astra_cuda")
+        return back_in_boxes(projections, cubes, box, mu_water_per_mm=0.02)[0]
 
     ours()
     seconds, image = seconds_of(ours, REPEATS)

@@ -54,8 +54,8 @@ def main():
                 assert np.isfinite(image).all()
             done += 1
         rays = ParallelRays(geometry)
-        rebinned = cpu.parallel_stack(rays, 1)
-        rebinned[:, 1:-1, 1:-1] = 1
+        rebinned = cpu.parallel_stacks(rays, 1, 1)
+        rebinned[0, :, 1:-1, 1:-1] = 1
         assert np.isfinite(projector.back_parallel(rebinned, rays, 0.6)).all()
     print(done, "scans")
 

@@ -10,7 +10,7 @@ from scanner import SCANNER
 
 from virtual_phantom.base.geometry import Grid, helical
 from virtual_phantom.base.parallel_rays import ParallelRays
-from virtual_phantom.projectors.cpu import CpuProjector, parallel_stack
+from virtual_phantom.projectors.cpu import CpuProjector, parallel_stacks
 
 # (row pitch mm, rows, slices, mm of a slice)
 CASES = [
@@ -40,13 +40,13 @@ def projected(case: tuple[float, int, int, float], lanes: int) -> list[np.ndarra
     filtered = random.random((len(rays.angles_rad), 40, rows, 1), dtype=np.float32)
     projector = CpuProjector(geometry, grid, lanes)
     projections = projector.pack_projections(np.repeat(taken, lanes, 0))
-    rebinned = parallel_stack(rays, lanes)
-    rebinned[:, 1:-1, 1:-1] = filtered
+    rebinned = parallel_stacks(rays, 1, lanes)
+    rebinned[0, :, 1:-1, 1:-1] = filtered
     return [
         projector.unpack_projections(projector.forward(projector.pack_volume(np.repeat(volume, lanes, 0))))[-1],
         projector.unpack_volume(projector.back(projections))[-1],
         projector.unpack_volume(projector.adjoint(projections))[-1],
-        projector.unpack_volume(projector.back_parallel(rebinned, rays, 0.6))[-1],
+        projector.unpack_volume(projector.back_parallel(rebinned, rays, 0.6)[0])[-1],
     ]
 
 

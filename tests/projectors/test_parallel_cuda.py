@@ -93,8 +93,8 @@ def test_realizations_and_kernels_of_object_and_noise(device):
 def thick_slices(engine, lines, clean):
     made = [(slice(2, 9), slice(8, 22), slice(6, 17)), (slice(0, 5), slice(28, 40), slice(18, 24))]
     settings = from_mapping(FbpSettings, {"normalise": "coverage", "kernel": SMOOTH, "noise_kernel": SOFTER})
-    projections = images.filtered(lines, HELIX, settings, clean, engine)
-    return boxes.back_in_boxes(projections, GRID, made, mu_water_per_mm=MU, thickness_mm=2.4)
+    projections = images.filtered(lines, HELIX, [settings], clean, engine)
+    return boxes.back_in_boxes(projections, GRID, made, mu_water_per_mm=MU, thickness_mm=2.4)[0]
 
 
 def test_boxes_of_thick_slices(device):

@@ -62,7 +62,9 @@ def test_verdicts_of_a_program_are_scored(tmp_path):
         "unknown": (0, 2),
     }
     assert found["program"] == "mine" and len(json.loads(output["hashes"].read_text())) == 9
-    row = "| nothing hidden: false alarms | ≤ 5 %" + 2 * " | 2 of 2 (100 %; 34 to 100 %)" + " |  |"  # also by significance
+    row = (
+        "| nothing hidden: false alarms | ≤ 5 %" + 2 * " | 2 of 2 (100 %; 34 to 100 %)" + " |  |"
+    )  # also by significance
     assert row in output["table"].read_text().splitlines()
 
 

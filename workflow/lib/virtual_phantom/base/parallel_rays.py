@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +11,6 @@ from .geometry import ScanGeometry, orbit_of
 from .vectors import FLAT
 
 SAME_MM = 1e-6  # smaller differences of focal spot positions are ignored
-# Samples that are interpolated at a time. Small scans (40 views x 50 columns x 8 rows) are faster than by single
-# angles; large ones (300 x 400 x 64) are not.
-CACHED = 1 << 15
 # Tolerance of the first and the last angle, as a fraction of the angle step. With it, half a turn is enough for a
 # parallel beam, whose fan angles are not exactly 0.
 ANGLE_TOLERANCE = 1e-3
@@ -194,55 +190,16 @@ class ParallelRays:
         up = geometry.row_positions_mm() - geometry.spots_mm[:, 2:]
         return np.sqrt(flat / (flat + up[..., None] ** 2)).astype(np.float32)
 
-    def weighted_by_cone_angle(self, stack: np.ndarray) -> np.ndarray:
-        """Return projections (views, rows, columns), each ray times the cosine of its angle with the x-y plane."""
-        cosine = self.cone_cosine
-        spots = len(cosine)
-        if spots == 1:
-            return stack * cosine[0]
-        result = np.empty(stack.shape, np.float32)
-        for spot in range(spots):
-            result[spot::spots] = stack[spot::spots] * cosine[spot]
-        return result
-
-    def rebin(self, stack: np.ndarray, level: int = 0) -> Iterator[np.ndarray]:
-        """Interpolate projections (views, rows, columns) linearly to parallel rays, a few angles at a time.
-
-        Yields
-        ------
-        ndarray, shape (angles, rows, t)
-            Projections [angle, row, t] of the next angles; 0 where unknown.
-        """
-        known, spot, column, right_share, fan = self.interleaved[level]
-        (left, right), right_share = column, right_share[:, None]
-        together = max(1, CACHED // (stack.shape[1] * len(known)))
-        for first in range(0, len(self.view_of_angle), together):
-            central = self.view_of_angle[first : first + together, None]
-            low, high, later_share = self._views_about(spot[0], central - fan[0] / self.view_step)
-            if len(self.geometry.spots_mm) == 1:
-                earlier = stack[low, :, left] * (1 - right_share) + stack[low, :, right] * right_share
-                later = stack[high, :, left] * (1 - right_share) + stack[high, :, right] * right_share
-                rows = earlier * (1 - later_share) + later * later_share
-            else:
-                rows = (stack[low, :, left] * (1 - later_share) + stack[high, :, left] * later_share) * (
-                    1 - right_share
-                )
-                low, high, later_share = self._views_about(spot[1], central - fan[1] / self.view_step)
-                another = stack[low, :, right] * (1 - later_share) + stack[high, :, right] * later_share
-                rows += another * right_share
-            yield np.where(known[:, None], rows, np.float32(0)).swapaxes(1, 2)
-
-    def _views_about(self, spot, view):
-        """Return the views of a spot before and after fractional views, and the weights of the later, (..., 1)."""
+    def views_about(self, spot: np.ndarray, view: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the views of focal spots before and after fractional views, and the weights of the later ones."""
         views, spots = self.geometry.views, len(self.geometry.spots_mm)
         number = (view - spot) / spots
         low = np.floor(number).astype(int)
         if self.periodic:
-            later_share = (number - low).astype(np.float32)[..., None]
-            return (low * spots + spot) % views, ((low + 1) * spots + spot) % views, later_share
+            return (low * spots + spot) % views, ((low + 1) * spots + spot) % views, (number - low).astype(np.float32)
         last = (views - 1 - spot) // spots
         low = np.clip(low, 0, last)
-        later_share = np.clip(number - low, 0, 1).astype(np.float32)[..., None]
+        later_share = np.clip(number - low, 0, 1).astype(np.float32)
         return low * spots + spot, np.minimum(low + 1, last) * spots + spot, later_share
 
     def directions_seen(self, points_mm: np.ndarray) -> np.ndarray:

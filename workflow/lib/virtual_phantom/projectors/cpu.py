@@ -171,15 +171,17 @@ class CpuProjector:
         return volume
 
     def back_parallel(self, projections: np.ndarray, rays, full_rows: float) -> np.ndarray:
-        """Return the mean over directions of rebinned projections, packed; zero where any direction is missing.
+        """Return the mean over directions of rebinned projections; zero where any direction is missing.
 
-        `projections` have the layout of `parallel_stack`. `full_rows` is the central fraction of the rows with full
-        weight where views of one direction overlap.
+        `projections` have the layout of `parallel_stacks`. `full_rows` is the central fraction of the rows with full
+        weight where views of one direction overlap. One packed volume is returned for each filter.
         """
-        volume = self.empty_volume()
         nz, ny, nx = self.grid.shape
+        volumes = aligned_zeros((len(projections), ny + 2, nx + 2, nz + 2, self.lanes))
         if nz == rays.geometry.rows == rays.levels == 1 and rays.periodic:
-            return self._back_plane(projections, rays, volume)
+            for volume, of_filter in zip(volumes, projections, strict=True):
+                self._back_plane(of_filter, rays, volume)
+            return volumes
         seen = np.zeros((ny, nx, nz), dtype=np.float32)
         orbit, views = rays.geometry, rays.levels * -(-len(rays.angles_rad) // rays.half_turn)
         scan = parallel.ParallelScan(
@@ -206,18 +208,18 @@ class CpuProjector:
             full=float(full_rows),
         )
 
-        voxels, pixels = volume.reshape(-1), projections.reshape(-1)
+        voxels, pixels = (stack.reshape(len(stack), -1) for stack in (volumes, projections))
 
         def run(first, last):
             workspace = parallel.empty_workspace(nz, views), self._line(orbit.rows), self._lanes
             parallel.back_project_parallel(voxels, seen, pixels, first, last, scan, *workspace)
 
         run_in_threads(run, ny, self.threads)
-        volume[1:-1, 1:-1, 1:-1] *= (seen == rays.half_turn)[..., None] / np.float32(rays.half_turn)
-        return volume
+        volumes[:, 1:-1, 1:-1, 1:-1] *= (seen == rays.half_turn)[..., None] / np.float32(rays.half_turn)
+        return volumes
 
-    def _back_plane(self, projections: np.ndarray, rays, volume: np.ndarray) -> np.ndarray:
-        """Return `back_parallel` of one slice of whole turns, in which every direction is seen."""
+    def _back_plane(self, projections, rays, volume):
+        """Set `back_parallel` of one slice of whole turns, in which every direction is seen."""
         _, ny, nx = self.grid.shape
         _, y_mm, x_mm = self.grid.axes_mm()
         pitch = rays.t_pitch_mm
@@ -240,7 +242,6 @@ class CpuProjector:
 
             run_in_threads(run, ny, self.threads)
             volume[1:-1, 1:-1, 1, lane] = image / np.float32(count)
-        return volume
 
     def _start(self, views: slice) -> int:
         return views.indices(self.geometry.views)[0]
@@ -257,10 +258,10 @@ class CpuProjector:
         kernels.path_lengths(projections.reshape(-1), first_view, len(projections), self._scan, self._lanes)
 
 
-def parallel_stack(rays, lanes: int) -> np.ndarray:
-    """Return zeros for projections rebinned to parallel rays: [levels x angles, t + 2, rows + 2, lane], float32."""
+def parallel_stacks(rays, filters: int, lanes: int) -> np.ndarray:
+    """Return zeros for rebinned projections: [filter, levels x angles, t + 2, rows + 2, lane], float32."""
     images = rays.levels * len(rays.angles_rad)
-    return aligned_zeros((images, len(rays.t_mm) + 2, rays.geometry.rows + 2, lanes))
+    return aligned_zeros((filters, images, len(rays.t_mm) + 2, rays.geometry.rows + 2, lanes))
 
 
 def check_in_orbit(geometry: ScanGeometry, grid: Grid, centre_mm: ArrayLike) -> None:

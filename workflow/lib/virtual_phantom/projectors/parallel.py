@@ -1,17 +1,20 @@
-"""Numba kernel of weighted filtered back-projection: parallel-rebinned projections onto the volume.
+"""Numba kernels of weighted filtered back-projection: rebinning to parallel rays, and from these onto the volume.
 
 Layout and interpolation are as in kernels.py, with angles for views and distances t for columns.
 """
 
 import math
 from collections import namedtuple
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numba import uintp
 
 from ..base.compiled import compiled
+from ..base.parallel_rays import ParallelRays
 from .columns import gather_line
-from .kernels import span, tile_width
+from .kernels import WIDER, span, tile_width
 from .lanes import OPTIONS
 
 
@@ -80,32 +83,181 @@ class ParallelScan(NamedTuple):
     full: float
 
 
-# Work arrays of one thread, for all views of one direction: total (z,), shares (view, z), four arrays (view,).
-Workspace = namedtuple("Workspace", "total shares near at height slope")
+# Samples that are interpolated at a time. Neighboring angles read the same pixels, which then are in the cache.
+CACHED = 1 << 19
+
+
+def rebin(rays: ParallelRays, stack: np.ndarray) -> Iterator[np.ndarray]:
+    """Weight projections by the cosine of the cone angle, and interpolate them linearly to parallel rays.
+
+    Parameters
+    ----------
+    stack : ndarray of float32, shape (views, rows, columns)
+
+    Yields
+    ------
+    ndarray of float32, shape (angles, rows, t)
+        Projections of the next angles, level after level; 0 where unknown.
+    """
+    cosine = rays.cone_cosine
+    for samples in rays.interleaved:
+        columns = np.stack(samples.column).astype(np.uint32)
+        weights = np.stack(
+            [
+                share * samples.known * cosine[spot, :, column].T
+                for share, spot, column in zip(
+                    (1 - samples.right_share, samples.right_share), samples.spot, samples.column, strict=True
+                )
+            ]
+        )
+        _, rows, width = weights.shape
+        together = max(1, CACHED // (rows * width))
+        for first in range(0, len(rays.view_of_angle), together):
+            central = rays.view_of_angle[first : first + together, None]
+            before, after, later_share = zip(
+                *(
+                    rays.views_about(spot, central - fan / rays.view_step)
+                    for spot, fan in zip(samples.spot, samples.fan_rad, strict=True)
+                ),
+                strict=True,
+            )
+            images = np.empty((len(central), rows, width), np.float32)
+            views = np.stack([before, after]).astype(np.uint32)
+            _interpolate(images, stack, views, np.stack(later_share), columns, weights)
+            yield images
+
+
+@compiled(**OPTIONS)
+def _interpolate(images, stack, views, later_share, columns, weights):
+    """Set images [angle, row, t] to the sum of two samples, each interpolated between two views.
+
+    Parameters
+    ----------
+    views : ndarray of uint32, shape (2, samples, angles, t)
+        Views before and after.
+    later_share : ndarray of float32, shape (samples, angles, t)
+    columns : ndarray of uint32, shape (samples, t)
+    weights : ndarray of float32, shape (samples, rows, t)
+    """
+    angles, rows, width = images.shape
+    before, after = views
+    for row in range(rows):
+        for angle in range(angles):
+            for k in range(uintp(width)):
+                total = np.float32(0.0)
+                for sample in range(2):
+                    column = columns[sample, k]
+                    early = stack[before[sample, angle, k], row, column]
+                    late = stack[after[sample, angle, k], row, column]
+                    total += weights[sample, row, k] * (early + later_share[sample, angle, k] * (late - early))
+                images[angle, row, k] = total
+
+
+# Work arrays of one thread, for the views of one direction and a row of voxel columns.
+# - total: sum of row weights, (z,); shares: row weight of each view, (view, z); image: level and angle of each view
+# - pair, near, height, slope: arguments of gather_line (columns.py), (view, column), `pair` as the number of the line
+# - start, stop: range of slices that a view sees, (view, column)
+# - inside, ahead: values of one view, (column,); see `_meet`
+Workspace = namedtuple("Workspace", "total shares image pair near height slope start stop inside ahead")
 
 
 def empty_workspace(slices: int, views: int) -> Workspace:
     """Return work arrays of one thread."""
-    near, height, slope = np.empty((3, views), np.float32)
-    shares = np.empty((views, slices), np.float32)
-    return Workspace(np.empty(slices, np.float32), shares, near, np.empty(views, np.intp), height, slope)
+    near, height, slope = np.empty((3, views, WIDER), np.float32)
+    pair, start, stop = np.empty((3, views, WIDER), np.int32)
+    total, shares, image = np.empty(slices, np.float32), np.empty((views, slices), np.float32), np.empty(views, np.intp)
+    return Workspace(
+        total, shares, image, pair, near, height, slope, start, stop, np.empty(WIDER, np.bool_), np.empty(WIDER)
+    )
+
+
+@compiled(inline="always", **OPTIONS)
+def _arcsine(sine):
+    """Return the arcsine with a relative error below 3e-7, without branches or a call, so that a loop vectorizes.
+
+    The polynomial is that of asinf in Moshier's Cephes library (1992).
+    """
+    size = abs(sine)
+    large = size > 0.5
+    square = (1.0 - size) * 0.5 if large else size * size
+    root = math.sqrt(square) if large else size
+    series = 0.042163199048 * square + 0.024181311049
+    series = ((series * square + 0.045470025998) * square + 0.074953002686) * square + 0.16666752422
+    angle = root + root * square * series
+    angle = 0.5 * math.pi - 2.0 * angle if large else angle
+    return angle if sine >= 0.0 else -angle
+
+
+@compiled(inline="always", **OPTIONS)
+def _meet(workspace, view, count, level, angle, first_x, position_y, scan):
+    """Set the lines of one view for `count` voxel columns of a row.
+
+    The first and the last loop have neither branches nor look-ups, so that they vectorize.
+    """
+    inside, ahead = workspace.inside, workspace.ahead
+    pair, near, start, stop = workspace.pair[view], workspace.near[view], workspace.start[view], workspace.stop[view]
+    height, slope = workspace.height[view], workspace.slope[view]
+    nz, _, nx = scan.shape
+    dz, _, dx = scan.spacing
+    cz, _, cx = scan.centre
+    sine, cosine, columns = scan.sine[angle], scan.cosine[angle], np.float64(scan.columns)
+    radius, up, turn, lengths = (
+        scan.level_radius[level],
+        scan.level_z[level],
+        scan.level_turn[level],
+        scan.level_ahead[level],
+    )
+    rows_per_mm, per_mm, per_radius = 1.0 / scan.row_pitch, 1.0 / scan.t_pitch, 1.0 / radius
+    rise = scan.source_step / scan.view_step
+    # Weights are above zero between the centers of the outermost rows; for a single row, in the whole row.
+    seen_rows = np.float64(max(scan.rows - 1, 1))
+    lowest = (scan.rows + 1 - seen_rows) * 0.5
+    left = (first_x - (nx - 1) * 0.5) * dx + cx
+    first_t = left * cosine + position_y * sine - scan.first_t
+    first_depth = left * sine - position_y * cosine
+    bottom = cz - (nz - 1) * 0.5 * dz - (scan.source_z + up + scan.view_of_angle[angle] * scan.source_step)
+    for k in range(count):
+        t = first_t + np.float64(np.int32(k)) * dx * cosine
+        across = t * per_mm + 1.0
+        inside[k] = (across >= 1.0) & (across <= columns) & (abs(t + scan.first_t) < radius)
+        across = min(max(across, 1.0), columns)
+        pair[k] = np.int32(across)
+        near[k] = np.float32(1.0 - (across - np.float64(pair[k])))
+    for k in range(count):
+        own, following = pair[k] - 1, min(pair[k], scan.columns - 1)
+        ahead[k] = lengths[following] + near[k] * (lengths[own] - lengths[following])
+    for k in range(count):
+        x = np.float64(np.int32(k)) * dx
+        fan_sine = (first_t + scan.first_t + x * cosine) * per_radius
+        fan_sine = min(max(fan_sine, -1.0), 1.0)
+        fan_cosine = math.sqrt(1.0 - fan_sine * fan_sine)
+        depth = radius * fan_cosine + first_depth + x * sine
+        per_height = ahead[k] / (fan_cosine * depth) * rows_per_mm
+        # The view of a ray precedes that of the central ray of its angle.
+        above = bottom + (_arcsine(fan_sine) + turn) * rise
+        at_bottom = above * per_height + (up - scan.first_row) * rows_per_mm + 1.0
+        begin, end = span(at_bottom - lowest, per_height * dz, seen_rows - 1.0, nz)
+        height[k] = np.float32(at_bottom)
+        slope[k] = np.float32(per_height * dz)
+        start[k] = begin if inside[k] else 0
+        stop[k] = end if inside[k] else 0
 
 
 @compiled(**OPTIONS)
-def back_project_parallel(volume, seen, projections, first_y, last_y, scan, workspace, line, lanes):
-    """Add parallel-rebinned projections to rows first_y to last_y - 1 of the volume.
+def back_project_parallel(volumes, seen, projections, first_y, last_y, scan, workspace, line, lanes):
+    """Add parallel-rebinned projections to rows first_y to last_y - 1 of volumes, one for each filter.
 
     Each direction of rays contributes once to a voxel. Views of one direction, half turns apart, are averaged with
     their row weights.
 
     Parameters
     ----------
-    volume : ndarray of float32, flat
+    volumes : ndarray of float32, shape (filters, voxels x lanes)
         Layout as in kernels.py.
     seen : ndarray of float32, shape (y, x, z)
         Number of directions that contributed; added to.
-    projections : ndarray of float32, flat
-        [level, angle, t + 2, row + 2, lane].
+    projections : ndarray of float32, shape (filters, samples)
+        Each [level, angle, t + 2, row + 2, lane].
     workspace : Workspace
         Work arrays of `empty_workspace`.
     line : Line or None
@@ -115,71 +267,47 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, work
     """
     count = len(lanes)
     nz, ny, nx = scan.shape
-    dz, dy, dx = scan.spacing
-    cz, cy, cx = scan.centre
-    first_row, row_pitch = scan.first_row, scan.row_pitch
-    columns, rows, half_turn, full = scan.columns, scan.rows, scan.half_turn, scan.full
-    sine, cosine, view_of_angle, view_step = scan.sine, scan.cosine, scan.view_of_angle, scan.view_step
-    first_t, t_pitch, source_z0, source_step = scan.first_t, scan.t_pitch, scan.source_z, scan.source_step
-    total, shares, near, at, height, slope = workspace
-    angles, levels = len(sine), len(scan.level_z)
-    same = -(-angles // half_turn)
+    rows, half_turn, full, angles, levels = scan.rows, scan.half_turn, scan.full, len(scan.sine), len(scan.level_z)
+    total, shares, image, pair, near, height, slope, start, stop = workspace[:9]
     step = (rows + 2) * count
     width = tile_width(lanes)
     for y0 in range(first_y, last_y, width):
         for x0 in range(0, nx, width):
+            across = min(width, nx - x0)
             for direction in range(half_turn):
                 for y in range(y0, min(y0 + width, last_y)):
-                    position_y = (y - (ny - 1) * 0.5) * dy + cy
-                    for x in range(x0, min(x0 + width, nx)):
-                        position_x = (x - (nx - 1) * 0.5) * dx + cx
-                        total[:] = 0
-                        views = 0
-                        for image in range(levels * same):
-                            level = image // same
-                            i = direction + (image - level * same) * half_turn
-                            if i >= angles:
-                                continue
-                            radius, up = scan.level_radius[level], scan.level_z[level]
-                            s, c = sine[i], cosine[i]
-                            t = position_x * c + position_y * s
-                            across = (t - first_t) / t_pitch + 1.0
-                            if across < 1.0 or across > columns or abs(t) >= radius:
-                                continue
-                            j = int(across)
-                            near[views] = 1.0 - (across - j)
-                            ahead = scan.level_ahead[level, j - 1]
-                            ahead += (across - j) * (scan.level_ahead[level, min(j, columns - 1)] - ahead)
-                            fan = math.asin(t / radius) + scan.level_turn[level]
-                            view = view_of_angle[i] - fan / view_step
-                            cosine_fan = math.sqrt(1.0 - (t / radius) ** 2)
-                            depth = radius * cosine_fan + position_x * s - position_y * c
-                            magnification = ahead / (cosine_fan * depth)
-                            source_z = source_z0 + up + view * source_step
-                            bottom = (cz - (nz - 1) * 0.5 * dz - source_z) * magnification + up
-                            slope[views] = magnification * dz / row_pitch
-                            height[views] = (bottom - first_row) / row_pitch + 1.0
-                            for z in range(nz):
-                                share = _row_weight(height[views] + slope[views] * np.float32(z), rows, full)
-                                shares[views, z] = share
-                                total[z] += share
-                            at[views] = ((level * angles + i) * (columns + 2) + j) * step
+                    position_y = (y - (ny - 1) * 0.5) * scan.spacing[1] + scan.centre[1]
+                    views = 0
+                    for level in range(levels):
+                        for angle in range(direction, angles, half_turn):
+                            _meet(workspace, views, across, level, angle, x0, position_y, scan)
+                            image[views] = level * angles + angle
                             views += 1
+                    for k in range(across):
+                        total[:] = 0
+                        for i in range(views):
+                            bottom, by_slice, own = height[i, k], slope[i, k], shares[i]
+                            for z in range(uintp(start[i, k]), uintp(stop[i, k])):
+                                own[z] = _row_weight(bottom + by_slice * np.float32(np.int32(z)), rows, full)
+                                total[z] += own[z]
                         for z in range(nz):
                             if total[z] > np.float32(0.0):
-                                seen[y, x, z] += np.float32(1.0)
+                                seen[y, x0 + k, z] += np.float32(1.0)
                                 total[z] = np.float32(1.0) / total[z]
-                        voxel = (((y + 1) * (nx + 2) + x + 1) * (nz + 2) + 1) * count
+                        voxel = (((y + 1) * (nx + 2) + x0 + k + 1) * (nz + 2) + 1) * count
                         for i in range(views):
-                            for z in range(nz):
-                                shares[i, z] *= total[z]
-                            start, stop = span(height[i], slope[i], rows, nz)
+                            bottom, by_slice, own = height[i, k], slope[i, k], shares[i]
+                            for z in range(uintp(start[i, k]), uintp(stop[i, k])):
+                                own[z] *= total[z]
                             if rows == 1:  # no interpolation across rows
-                                height[i], slope[i] = 1.0, 0.0
-                            gather_line(
-                                volume, voxel, projections, at[i], at[i] + step, rows + 2, near[i],
-                                np.float32(1.0) - near[i], height[i], slope[i], start, stop, shares[i], line, lanes,
-                            )  # fmt: skip
+                                bottom, by_slice = np.float32(1.0), np.float32(0.0)
+                            at = (image[i] * (scan.columns + 2) + pair[i, k]) * step
+                            for one in range(len(volumes)):
+                                gather_line(
+                                    volumes[one], voxel, projections[one], at, at + step, rows + 2,
+                                    near[i, k], np.float32(1.0) - near[i, k], bottom, by_slice,
+                                    start[i, k], stop[i, k], own, line, lanes,
+                                )  # fmt: skip
 
 
 @compiled(**OPTIONS)

@@ -10,7 +10,7 @@ precision. Sums have another order, so results differ by rounding only. Arrays o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from types import ModuleType
@@ -278,7 +278,8 @@ def rebin(rays: ParallelRays, line_integrals: np.ndarray, padded: int) -> Iterat
 class ParallelCudaProjector:
     """`back_parallel` and `unpack_volume` of cpu.CpuProjector on a CUDA device.
 
-    Packed volumes are [lane, z, y, x], and packed projections [lane, level and angle, row, t], float32.
+    Packed volumes are [lane, z, y, x], and packed projections [lane, level and angle, row, t], float32. Of several
+    filters, these are lists.
 
     Parameters
     ----------
@@ -298,7 +299,7 @@ class ParallelCudaProjector:
         self.geometry, self.grid, self.centre_mm = geometry, grid, np.asarray(centre_mm, dtype=np.float64)
         self._arrays = device_arrays()
 
-    def back_parallel(self, images, rays: ParallelRays, full_rows: float):
+    def back_parallel(self, projections: Sequence, rays: ParallelRays, full_rows: float) -> list:
         """See cpu.CpuProjector.back_parallel."""
         nz, ny, nx = self.grid.shape
         centre_x, centre_y, centre_z = self.centre_mm
@@ -308,11 +309,14 @@ class ParallelCudaProjector:
             *(_on_device(self._arrays, table) for table in tables),
             *(np.float64(z[0]), np.float64(self.grid.spacing[0]), np.int32(nx), np.int32(ny), np.int32(nz)),
         )
-        with memory_errors():
-            volume = self._arrays.zeros((len(images), nz, ny, nx), dtype=np.float32)
-        for lane, lane_images in enumerate(images):
-            _launch(self._arrays, "back_project", nx, ny, -(-nz // SLICES), (volume[lane], lane_images, *arguments))
-        return volume
+        volumes = []
+        for images in projections:
+            with memory_errors():
+                volume = self._arrays.zeros((len(images), nz, ny, nx), dtype=np.float32)
+            for lane, of_lane in enumerate(images):
+                _launch(self._arrays, "back_project", nx, ny, -(-nz // SLICES), (volume[lane], of_lane, *arguments))
+            volumes.append(volume)
+        return volumes
 
     def unpack_volume(self, packed) -> np.ndarray:
         """Copy [lane, z, y, x] from the device."""

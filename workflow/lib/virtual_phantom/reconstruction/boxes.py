@@ -72,9 +72,9 @@ def back_in_boxes(
 
     Returns
     -------
-    ndarray of float32, shape (acquisitions, z, y, x)
+    ndarray of float32, shape (filters, acquisitions, z, y, x)
     """
-    images = np.full((rays.lanes, *grid.shape), HU_AIR, np.float32)
+    images = np.full((len(rays.packed), rays.lanes, *grid.shape), HU_AIR, np.float32)
     for box in boxes:
         shape = tuple(part.stop - part.start for part in box)
         centre_mm = [
@@ -87,6 +87,6 @@ def back_in_boxes(
         part = Grid((thin, *shape[1:]), (thin_mm, *grid.spacing[1:]))
         made = rays.back(parallel_projector(rays.engine, rays.rays.geometry, part, rays.lanes, threads, centre_mm))
         if weights is not None:
-            made = np.einsum("st,ltyx->lsyx", weights, made, optimize=True)
-        images[:, *box] = attenuation_to_hu(made, mu_water_per_mm)
+            made = np.einsum("st,fltyx->flsyx", weights, made, optimize=True)
+        images[:, :, *box] = attenuation_to_hu(made, mu_water_per_mm)
     return images

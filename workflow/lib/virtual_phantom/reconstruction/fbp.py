@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain
 
 import numpy as np
 from scipy import fft
@@ -13,8 +13,8 @@ from ..base.errors import InputError
 from ..base.geometry import ScanGeometry, orbit_of
 from ..base.parallel_rays import ParallelRays
 from ..base.vectors import FLAT
-from ..projectors import NO_FDK, parallel_cuda
-from ..projectors.cpu import parallel_stack
+from ..projectors import NO_FDK, parallel, parallel_cuda
+from ..projectors.cpu import parallel_stacks
 from .kernel import Kernel, ModifiedKernel, NoiseKernel, modified
 
 # Central fraction of the detector rows with full weight where views of one direction overlap.
@@ -59,7 +59,9 @@ def fbp(
             raise InputError("fbp: a kernel needs reconstruction.fbp.normalise: coverage")
         return _fdk(projector, line_integrals)
     if normalise == "coverage":
-        return ParallelProjections.of(line_integrals, projector.geometry, kernel, projector.engine).back(projector)
+        scan = line_integrals, projector.geometry
+        (image,) = ParallelProjections.of(*scan, [Filter(kernel)], engine=projector.engine).back(projector)
+        return image
     raise InputError(f"fbp: reconstruction.fbp.normalise '{normalise}' is unknown; use 'coverage' or 'none'")
 
 
@@ -82,8 +84,39 @@ def _fdk(projector, line_integrals):
     return projector.unpack_volume(volume)
 
 
+@dataclass(frozen=True)
+class Filter:
+    """Kernels of filtered back-projection.
+
+    Attributes
+    ----------
+    kernel : Kernel, ModifiedKernel or None
+        Kernel of the object; None: the ramp filter without apodization.
+    noise : Kernel, ModifiedKernel or None
+        Kernel of the noise, if it has another one.
+    gain : float
+        Factor of the noise with its own kernel.
+    """
+
+    kernel: Kernel | ModifiedKernel | None = None
+    noise: Kernel | ModifiedKernel | None = None
+    gain: float = 1.0
+
+    @classmethod
+    def of(
+        cls,
+        kernel: Kernel | None,
+        noise_kernel: NoiseKernel | None = None,
+        mtf: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> Filter:
+        """Return the filter of a kernel and a noise kernel, both times a factor of the MTF as `modified` takes it."""
+        if noise_kernel is None:
+            return cls(modified(kernel, mtf))
+        return cls(modified(kernel, mtf), modified(noise_kernel.kernel, mtf), noise_kernel.gain(kernel))
+
+
 class ParallelProjections:
-    """Projections rebinned to parallel rays and filtered, in the layout of the engine's `back_parallel`."""
+    """Projections rebinned to parallel rays and filtered by each filter, for the engine's `back_parallel`."""
 
     def __init__(self, rays: ParallelRays, packed, lanes: int, engine: str):
         self.rays, self.packed, self.lanes, self.engine = rays, packed, lanes, engine
@@ -93,10 +126,17 @@ class ParallelProjections:
         cls,
         line_integrals: np.ndarray,
         geometry: ScanGeometry,
-        kernel: Kernel | ModifiedKernel | None = None,
+        filters: Sequence[Filter] = (Filter(),),
+        clean: np.ndarray | None = None,
         engine: str = "cpu",
     ) -> ParallelProjections:
-        """Rebin and filter line integrals, (lanes, views, rows, columns); without a kernel, the ramp is not apodized.
+        """Rebin and filter line integrals.
+
+        Parameters
+        ----------
+        line_integrals : ndarray, shape (lanes, views, rows, columns)
+        clean : ndarray, shape (views, rows, columns), optional
+            Noise-free line integrals of all lanes, for filters with a kernel of the noise.
 
         Raises
         ------
@@ -104,56 +144,69 @@ class ParallelProjections:
             For the scans that ParallelRays refuses, or astra_cuda without a device or with too little memory.
         """
         rays = ParallelRays(geometry)
-        if engine != "cpu":
-            return cls(rays, _filtered_on_device(rays, line_integrals, kernel), len(line_integrals), engine)
-        packed = parallel_stack(rays, len(line_integrals))
-        for lane, stack in enumerate(line_integrals):
-            stack = rays.weighted_by_cone_angle(stack)
-            first = 0
-            for images in chain.from_iterable(rays.rebin(stack, level) for level in range(rays.levels)):
-                filtered = ramp_filter(images, rays.t_pitch_mm, kernel).swapaxes(1, 2)
-                packed[first : first + len(images), 1:-1, 1:-1, lane] = filtered
-                first += len(images)
-        return cls(rays, packed, len(line_integrals), engine)
+        made = _filtered if engine == "cpu" else _filtered_on_device
+        return cls(rays, made(rays, line_integrals, filters, clean), len(line_integrals), engine)
+
+    def of_filters(self, which: slice) -> ParallelProjections:
+        """Return the projections of some of the filters, without a copy."""
+        return ParallelProjections(self.rays, self.packed[which], self.lanes, self.engine)
 
     def back(self, projector) -> np.ndarray:
-        """Return the back-projection, 1/mm, (lanes, z, y, x). The projector's geometry and lanes must agree."""
-        volume = projector.unpack_volume(projector.back_parallel(self.packed, self.rays, FULL_ROWS))
+        """Return back-projections, 1/mm, (filters, lanes, z, y, x). The projector's geometry and lanes must agree."""
+        packed = projector.back_parallel(self.packed, self.rays, FULL_ROWS)
+        volumes = np.stack([projector.unpack_volume(volume) for volume in packed])
         # Projections are truncated outside this radius. Scanners also show air there.
         centre_x, centre_y, _ = projector.centre_mm
         _, y, x = projector.grid.axes_mm()
         y, x = y + centre_y, x + centre_x
         inside = np.hypot(y[:, None], x[None, :]) <= self.rays.geometry.field_of_view_radius_mm
-        volume *= (np.pi * inside).astype(np.float32)
-        return volume
+        volumes *= (np.pi * inside).astype(np.float32)
+        return volumes
 
 
-def with_noise_kernel(
-    line_integrals: np.ndarray,
-    clean: np.ndarray,
-    geometry: ScanGeometry,
-    kernel: Kernel,
-    noise_kernel: NoiseKernel,
-    engine: str = "cpu",
-    mtf: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> ParallelProjections:
-    """Rebin and filter the object with one kernel and the noise with another one.
+def _filtered(rays, line_integrals, filters, clean):
+    """Return `cpu.parallel_stacks`."""
+    samples = len(rays.t_mm)
+    n = _padded(samples)
 
-    Parameters
-    ----------
-    line_integrals : ndarray, shape (lanes, views, rows, columns)
-    clean : ndarray, shape (views, rows, columns)
-        Noise-free line integrals of all lanes.
-    mtf : callable, optional
-        Further factor of both kernels, as `modified` takes it.
-    """
-    rays = ParallelProjections.of(line_integrals - clean, geometry, modified(noise_kernel.kernel, mtf), engine)
-    rays.packed *= np.float32(noise_kernel.gain(kernel))
-    rays.packed += ParallelProjections.of(clean[None], geometry, modified(kernel, mtf), engine).packed
-    return rays
+    def ramp(kernel):
+        return _ramp(n, rays.t_pitch_mm, kernel)
+
+    def spectra(stack):
+        return (fft.rfft(images, n, axis=-1) for images in parallel.rebin(rays, stack.astype(np.float32, copy=False)))
+
+    packed = parallel_stacks(rays, len(filters), len(line_integrals))
+    ramps = [(ramp(one.kernel), None if one.noise is None else one.gain * ramp(one.noise)) for one in filters]
+    with_clean = any(of_noise is not None for _, of_noise in ramps)
+    first = 0
+    for found in zip(*map(spectra, [*([clean] if with_clean else []), *line_integrals]), strict=True):
+        own = slice(first, first + len(found[0]))
+        for stack, (of_object, of_noise) in zip(packed, ramps, strict=True):
+            for lane, spectrum in enumerate(found[with_clean:]):
+                if of_noise is None:
+                    spectrum = spectrum * of_object
+                else:
+                    spectrum = (spectrum - found[0]) * of_noise + found[0] * of_object
+                stack[own, 1:-1, 1:-1, lane] = fft.irfft(spectrum, n, axis=-1)[..., :samples].swapaxes(1, 2)
+        first = own.stop
+    return packed
 
 
-def _filtered_on_device(rays, line_integrals, kernel):
+def _filtered_on_device(rays, line_integrals, filters, clean):
+    """Return [lane, image, row, t] of parallel_cuda.py for each filter."""
+    packed = []
+    for one in filters:
+        if one.noise is None:
+            packed.append(_convolved_on_device(rays, line_integrals, one.kernel))
+        else:
+            noise = _convolved_on_device(rays, line_integrals - clean, one.noise)
+            noise *= np.float32(one.gain)
+            noise += _convolved_on_device(rays, clean[None], one.kernel)
+            packed.append(noise)
+    return packed
+
+
+def _convolved_on_device(rays, line_integrals, kernel):
     """Return [lane, image, row, t] of parallel_cuda.py."""
     arrays, samples = parallel_cuda.device_arrays(), len(rays.t_mm)
     n = _padded(samples)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..base.settings import FbpSettings, SirtSettings
 from ..base.units import attenuation_to_hu
 from ..projectors import in_parts, parallel_projector, projector
 from . import fbp, sirt
-from .kernel import Kernel, NoiseKernel, modified
+from .kernel import Kernel, NoiseKernel
 
 
 def reconstruct_hu(
@@ -62,7 +62,8 @@ def reconstruct_hu(
 
         def images(some):
             if settings.normalise == "coverage":
-                return filtered(some, geometry, settings, clean, engine, mtf).back(operator)
+                (image,) = filtered(some, geometry, [settings], clean, engine, mtf).back(operator)
+                return image
             return fbp.fbp(operator, some, normalise=settings.normalise, kernel=kernel_of(settings))
 
     else:
@@ -78,20 +79,20 @@ def filters_projections(algorithm: str, settings: SirtSettings | FbpSettings) ->
 def filtered(
     line_integrals: np.ndarray,
     geometry: ScanGeometry,
-    settings: FbpSettings,
+    settings: Sequence[FbpSettings],
     clean: np.ndarray | None = None,
     engine: str = "cpu",
     mtf: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> fbp.ParallelProjections:
-    """Return rebinned and filtered projections, from which several images may be back-projected.
+    """Return projections rebinned and filtered by each of the settings, from which several images may be made.
 
     Parameters
     ----------
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
-    settings : FbpSettings
+    settings : sequence of FbpSettings
         Only the kernels are used.
     clean : ndarray, shape (views, rows, columns), optional
-        Noise-free line integrals of all acquisitions, for a noise kernel.
+        Noise-free line integrals of all acquisitions, for noise kernels.
     engine : {"cpu", "astra_cuda"}, optional
     mtf : callable, optional
         As `reconstruct_hu` takes it.
@@ -101,10 +102,8 @@ def filtered(
     InputError
         For the scans that ParallelProjections.of refuses.
     """
-    kernel, noise_kernel = kernel_of(settings), noise_kernel_of(settings)
-    if noise_kernel is None:
-        return fbp.ParallelProjections.of(line_integrals, geometry, modified(kernel, mtf), engine)
-    return fbp.with_noise_kernel(line_integrals, clean, geometry, kernel, noise_kernel, engine, mtf)
+    filters = [fbp.Filter.of(kernel_of(one), noise_kernel_of(one), mtf) for one in settings]
+    return fbp.ParallelProjections.of(line_integrals, geometry, filters, clean, engine)
 
 
 def noise_kernel_of(settings: FbpSettings) -> NoiseKernel | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,8 +98,8 @@ def back_project(
     physics: Mapping[str, Mapping[str, float]] | None = None,
     with_filter: ParallelProjections | None = None,
     threads: int = 1,
-) -> list[Volume]:
-    """Return one image per acquisition from filtered projections, with air outside of the boxes.
+) -> list[list[Volume]]:
+    """Return images from filtered projections, with air outside of the boxes.
 
     Parameters
     ----------
@@ -114,12 +114,13 @@ def back_project(
 
     Returns
     -------
-    list of Volume
-        int16 HU on `grid`.
+    list of list of Volume
+        int16 HU on `grid`, for each filter one image per acquisition.
     """
     how = {"mu_water_per_mm": mu_water_per_mm, "thickness_mm": thickness_mm, "threads": threads}
-    hu, after = (None if one is None else back_in_boxes(one, grid, boxes, **how) for one in (projections, with_filter))
-    return _volumes(hu, grid, physics, after)
+    made = back_in_boxes(projections, grid, boxes, **how)
+    after = [None] * len(made) if with_filter is None else back_in_boxes(with_filter, grid, boxes, **how)
+    return [_volumes(hu, grid, physics, filtered_hu) for hu, filtered_hu in zip(made, after, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -174,47 +175,72 @@ def reconstruct_images(
         For an unknown algorithm or a scan that it cannot use.
     """
     common = {"mu_water_per_mm": mu_water_per_mm, "threads": threads}
-    for settings in dict.fromkeys(image.settings for image in images):
-        alike = [image for image in images if image.settings == settings]
-        filters_first = filters_projections(alike[0].algorithm, settings)
-        # Lanes of one reconstruction share the start angle; for FBP, also the position and the noise-free scan. On a
-        # GPU, filtered projections of one lane at a time save memory.
-        if not filters_first:
-            keys = [float(scan.angles_rad[0]) for scan in scans.geometries]
-        else:
-            keys = scans.sources if engine == "cpu" else range(len(scans.sources))
-        for key in dict.fromkeys(keys):
-            lanes = [lane for lane, other in enumerate(keys) if other == key]
-            every = len(lanes) == len(keys)
-            line_integrals = scans.line_integrals if every else scans.line_integrals[lanes]
-            geometry, source = scans.geometries[lanes[0]], scans.sources[lanes[0]]
-            if filters_first:
-                scan = line_integrals, geometry, settings, scans.noise_free.get(source), engine
-                projections = filtered(*scan)
+    of_settings: dict[SirtSettings | FbpSettings, list[ImageSettings]] = {}
+    for image in images:
+        of_settings.setdefault(image.settings, []).append(image)
+    to_filter = [one for one, alike in of_settings.items() if filters_projections(alike[0].algorithm, one)]
+    for settings, alike in of_settings.items():
+        if settings in to_filter:
+            continue
+        for lanes in _lanes_by(float(scan.angles_rad[0]) for scan in scans.geometries):
             for image in alike:
-                if not filters_first:
-                    volumes = reconstruct(
-                        line_integrals,
-                        geometry,
-                        grid,
-                        image.algorithm,
-                        settings,
-                        engine=engine,
-                        physics=image.physics,
-                        **common,
-                    )
-                elif image.voxels is None:
-                    mtf = filter_factor(image.physics or {})
-                    own = {"physics": image.physics, "with_filter": None if mtf is None else filtered(*scan, mtf)}
-                    volumes = back_project(projections, grid, whole(grid), **own, **common)
+                how = image.algorithm, settings
+                scan = _taken(scans.line_integrals, lanes), scans.geometries[lanes[0]], grid, *how
+                volumes = reconstruct(*scan, engine=engine, physics=image.physics, **common)
+                yield from ((image.protocol, lane, volume) for lane, volume in zip(lanes, volumes, strict=True))
+    # Projections of two filters are in memory at once. On a GPU, those of one filter and one lane save memory.
+    at_once, keys = (2, scans.sources) if engine == "cpu" else (1, range(len(scans.sources)))
+    for first in range(0, len(to_filter), at_once):
+        some = to_filter[first : first + at_once]
+        for lanes in _lanes_by(keys):
+            line_integrals, geometry = _taken(scans.line_integrals, lanes), scans.geometries[lanes[0]]
+            scan = line_integrals, geometry, some, scans.noise_free.get(scans.sources[lanes[0]]), engine
+            projections = filtered(*scan)
+            for which, alike in _of_one_place(some, of_settings, rois_files):
+                own = {}
+                if alike[0].voxels is None:
+                    voxels, boxes = grid, whole(grid)
+                    own["physics"] = alike[0].physics
+                    if (mtf := filter_factor(alike[0].physics or {})) is not None:
+                        own["with_filter"] = filtered(*scan, mtf).of_filters(which)
                 else:
-                    voxels = voxels_over(grid, image.voxels.spacing_mm)
-                    _, masks = read_masks(rois_files[image.protocol][lanes[0]], voxels)
+                    voxels = voxels_over(grid, alike[0].voxels.spacing_mm)
+                    _, masks = read_masks(rois_files[alike[0].protocol][lanes[0]], voxels)
                     boxes = boxes_around(masks.values(), voxels)
-                    volumes = back_project(projections, voxels, boxes, thickness_mm=image.voxels.thickness_mm, **common)
-                for lane, volume in zip(lanes, volumes, strict=True):
-                    yield image.protocol, lane, volume
-            projections = None  # frees memory before the next filter
+                    own["thickness_mm"] = alike[0].voxels.thickness_mm
+                made = back_project(projections.of_filters(which), voxels, boxes, **own, **common)
+                for image, volumes in zip(alike, made, strict=True):
+                    yield from ((image.protocol, lane, volume) for lane, volume in zip(lanes, volumes, strict=True))
+            del projections
+
+
+def _of_one_place(settings, of_settings, rois_files):
+    """Yield images, or pairs of two filters that differ only in the filter, after the filters' numbers as a slice."""
+
+    def place(image):
+        return image.voxels, image.physics, rois_files.get(image.protocol)
+
+    waiting = [(number, image) for number, one in enumerate(settings) for image in of_settings[one]]
+    while waiting:
+        number, image = waiting.pop(0)
+        other = next((one for one in waiting if one[0] == number + 1 and place(one[1]) == place(image)), None)
+        if other is not None:
+            waiting.remove(other)
+        pair = [image] if other is None else [image, other[1]]
+        yield slice(number, number + len(pair)), pair
+
+
+def _lanes_by(keys: Iterable[Hashable]) -> list[list[int]]:
+    """Return the numbers of equal keys together, in the order in which they occur."""
+    together: dict[Hashable, list[int]] = {}
+    for lane, key in enumerate(keys):
+        together.setdefault(key, []).append(lane)
+    return list(together.values())
+
+
+def _taken(line_integrals: np.ndarray, lanes: list[int]) -> np.ndarray:
+    """Return some realizations, without a copy if these are all."""
+    return line_integrals if len(lanes) == len(line_integrals) else line_integrals[lanes]
 
 
 def _volumes(hu, grid, physics, after_filter=None):
