@@ -2,18 +2,22 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scanner import SCANNER
 from scipy.integrate import quad
 from scipy.interpolate import BSpline
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical
-from virtual_phantom.base.settings import FbpSettings, from_mapping
+from virtual_phantom.base.settings import FbpSettings, ImageSettings, from_mapping
 from virtual_phantom.projectors.cpu import CpuProjector
+from virtual_phantom.projectors.parallel import _arcsine
 from virtual_phantom.reconstruction import boxes, slices
 from virtual_phantom.reconstruction.fbp import Filter, ParallelProjections, fbp
 from virtual_phantom.reconstruction.images import filtered, reconstruct_hu
 from virtual_phantom.reconstruction.kernel import Kernel, NoiseKernel
+from virtual_phantom.simulation.reconstruct import NoisyScans, reconstruct_images
 
 SMOOTH, SHARP = Kernel(2.5, 4.2), Kernel(4.0, 7.0)
 FAN = circular(views=400, columns=240, rows=1, column_pitch_mm=1.4, row_pitch_mm=2.0, **SCANNER)  # 0.7 mm at the center
@@ -140,6 +144,32 @@ def test_whole_image_with_a_noise_kernel_equals_its_boxes(scan):
     whole = reconstruct_hu(scan, HELIX, WHOLE, "fbp", settings, "cpu", MU, clean=clean)
     assert np.array_equal(in_boxes(scan, WHOLE, boxes.whole(WHOLE), SMOOTH, noise_kernel=proxy, clean=clean), whole)
     assert np.abs(boxed[:, *box] - whole[:, *box]).max() < 1e-6 * np.ptp(whole)
+
+
+def test_images_of_protocols_with_shared_scans_equal_those_of_each_alone(scan):
+    """Kernels are filtered in pairs; of a pair, images with the same voxels are back-projected together."""
+    clean = scan.mean(axis=0)
+    proxy = NoiseKernel(Kernel(SMOOTH.mtf50_per_cm * 0.7, SMOOTH.mtf10_per_cm * 0.7), 0.5)
+    kernels = {"proxy": (SMOOTH, proxy), "smooth": (SMOOTH, None), "again": (SMOOTH, None), "sharp": (SHARP, None)}
+    images = [ImageSettings(name, "fbp", fbp_settings(*own), {}) for name, own in kernels.items()]
+    scans = NoisyScans(scan, [HELIX, HELIX], ["one", "one"], {"one": clean})
+
+    def made(*some):
+        found = reconstruct_images(some, scans, WHOLE, {}, engine="cpu", mu_water_per_mm=MU)
+        return {(name, lane): volume.array for name, lane, volume in found}
+
+    together = made(*images)
+    assert set(together) == {(name, lane) for name in kernels for lane in (0, 1)}
+    for image in images:
+        for key, alone in made(image).items():
+            assert np.array_equal(together[key], alone)
+    assert np.array_equal(together["again", 1], together["smooth", 1])
+    assert not np.array_equal(together["sharp", 0], together["smooth", 0])
+
+
+@given(st.floats(-1, 1))
+def test_arcsine_of_the_kernel(sine):
+    assert _arcsine(sine) == pytest.approx(np.arcsin(sine), rel=3e-7, abs=1e-300)
 
 
 def test_noise_kernel_needs_a_positive_variance():
