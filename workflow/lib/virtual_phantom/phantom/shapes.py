@@ -157,16 +157,18 @@ def coverage(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...], su
         return np.broadcast_to(share, full)
     points = [axis[i] for axis, i in zip(axes, index, strict=True)]
     steps = (np.arange(subdivisions) + 0.5) / subdivisions - 0.5
-    offsets = np.array(list(itertools.product(steps, repeat=3))) * spacing
-    inside = np.zeros((index[0].size, len(offsets)), bool)
+    # Each axis has its own dimension, so that a shape computes terms of one or two axes only once.
+    offsets = np.ix_(*(steps * wide for wide in spacing))
+    inside = np.zeros((index[0].size, *[subdivisions] * 3), bool)
     for piece in shape.pieces():
         low, high = piece.bounds_mm()
         near = np.all(
             [(p >= low[i] - s) & (p <= high[i] + s) for p, s, i in zip(points, spacing, (2, 1, 0), strict=True)],
             axis=0,
         )
-        inside[near] |= piece.level(*(p[near, None] + o for p, o in zip(points, offsets.T, strict=True))) < 0
-    share[index] = inside.mean(axis=1)
+        fine = (p[near].reshape(-1, 1, 1, 1) + o for p, o in zip(points, offsets, strict=True))
+        inside[near] |= piece.level(*fine) < 0
+    share[index] = inside.mean(axis=(1, 2, 3))
     return np.broadcast_to(share, full)
 
 
