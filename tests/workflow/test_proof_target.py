@@ -16,6 +16,7 @@ from virtual_phantom.diagnosis.settings import FitSettings
 QUICK = {
     "seed": 2040,
     "pairs": 0,
+    "tried": ["scatter", "electronic_noise", "spectrum"],
     "unknown_kinds": ["wrong_insert"],
     "scan": {"columns": 60, "views": 24},
     "held_out_protocol": {"views": 24},

@@ -278,8 +278,8 @@ def rebin(rays: ParallelRays, line_integrals: np.ndarray, padded: int) -> Iterat
 class ParallelCudaProjector:
     """`back_parallel` and `unpack_volume` of cpu.CpuProjector on a CUDA device.
 
-    Packed volumes are [lane, z, y, x], and packed projections [lane, level and angle, row, t], float32. Of several
-    filters, these are lists.
+    Packed volumes are [lane, z, y, x], and packed projections [lane, level and angle, row, t], float32. There is
+    one of each for every filter, in a list.
 
     Parameters
     ----------
