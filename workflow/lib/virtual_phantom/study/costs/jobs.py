@@ -33,8 +33,8 @@ from ..acquisitions import GRID
 CHANGE_HU = 1200.0
 # Realizations that fill a vector register of the projector; fewer cost the same (docs/explanation/performance.md).
 REGISTER = 16
-# Images on a scanner's voxels are made in boxes around ROIs, for two kernels together. They take this share of the rate:
-# 22 s, or 64 s with the code that the rate was measured with (eight images of the default study, Intel Xeon).
+# Images on a scanner's voxels are made in boxes around ROIs, for two kernels together. They take this share of the
+# rate: 22 s, or 64 s with the code that the rate was measured with (eight images of the default study, Intel Xeon).
 BOXES = 0.34
 # A single realization has its own kernels: 0.67 s per image instead of 3.2 s for sixteen (same page).
 ONE_LANE = 0.2
