@@ -11,6 +11,7 @@ from scipy.interpolate import BSpline
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical
 from virtual_phantom.base.settings import FbpSettings, ImageSettings, from_mapping
+from virtual_phantom.physics.effect import checked
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.projectors.parallel import _arcsine
 from virtual_phantom.reconstruction import boxes, slices
@@ -146,25 +147,30 @@ def test_whole_image_with_a_noise_kernel_equals_its_boxes(scan):
     assert np.abs(boxed[:, *box] - whole[:, *box]).max() < 1e-6 * np.ptp(whole)
 
 
-def test_images_of_protocols_with_shared_scans_equal_those_of_each_alone(scan):
+@pytest.mark.parametrize("sources", [["one", "one"], ["one", "two"]])
+def test_images_of_protocols_with_shared_scans_equal_those_of_each_alone(scan, sources):
     """Kernels are filtered in pairs; of a pair, images with the same voxels are back-projected together."""
     clean = scan.mean(axis=0)
     proxy = NoiseKernel(Kernel(SMOOTH.mtf50_per_cm * 0.7, SMOOTH.mtf10_per_cm * 0.7), 0.5)
     kernels = {"proxy": (SMOOTH, proxy), "smooth": (SMOOTH, None), "again": (SMOOTH, None), "sharp": (SHARP, None)}
     images = [ImageSettings(name, "fbp", fbp_settings(*own), {}) for name, own in kernels.items()]
-    scans = NoisyScans(scan, [HELIX, HELIX], ["one", "one"], {"one": clean})
+    images.append(
+        ImageSettings("filtered", "fbp", fbp_settings(SMOOTH), checked({"reconstruction_kernel": {"sigma_mm": 0.8}}))
+    )
+    scans = NoisyScans(scan, [HELIX, HELIX], sources, {"one": clean, "two": 0.9 * clean})
 
     def made(*some):
         found = reconstruct_images(some, scans, WHOLE, {}, engine="cpu", mu_water_per_mm=MU)
         return {(name, lane): volume.array for name, lane, volume in found}
 
     together = made(*images)
-    assert set(together) == {(name, lane) for name in kernels for lane in (0, 1)}
+    assert set(together) == {(image.protocol, lane) for image in images for lane in (0, 1)}
     for image in images:
         for key, alone in made(image).items():
             assert np.array_equal(together[key], alone)
     assert np.array_equal(together["again", 1], together["smooth", 1])
     assert not np.array_equal(together["sharp", 0], together["smooth", 0])
+    assert not np.array_equal(together["filtered", 0], together["smooth", 0])
 
 
 @given(st.floats(-1, 1))

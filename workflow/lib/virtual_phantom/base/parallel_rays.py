@@ -159,7 +159,7 @@ class ParallelRays:
             upper = np.stack([self._from_axis[spot][below + 1] for spot, below in zip(spots, left, strict=True)])
             chosen = (lower.argmax(axis=0), upper.argmin(axis=0))
             lowest, highest = lower[chosen[0], number], upper[chosen[1], number]
-            share = (self.t_mm - lowest) / (highest - lowest)
+            share = np.where(known, self.t_mm - lowest, 0) / np.where(known, highest - lowest, 1)
         fans = np.array(fans)
         return Interleaved(
             known,

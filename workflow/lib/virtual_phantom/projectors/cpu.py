@@ -171,10 +171,10 @@ class CpuProjector:
         return volume
 
     def back_parallel(self, projections: np.ndarray, rays, full_rows: float) -> np.ndarray:
-        """Return the mean over directions of rebinned projections; zero where any direction is missing.
+        """Return a packed volume for each filter: the mean over directions, or zero where any direction is missing.
 
         `projections` have the layout of `parallel_stacks`. `full_rows` is the central fraction of the rows with full
-        weight where views of one direction overlap. One packed volume is returned for each filter.
+        weight where views of one direction overlap.
         """
         nz, ny, nx = self.grid.shape
         volumes = aligned_zeros((len(projections), ny + 2, nx + 2, nz + 2, self.lanes))
@@ -219,7 +219,7 @@ class CpuProjector:
         return volumes
 
     def _back_plane(self, projections, rays, volume):
-        """Set `back_parallel` of one slice of whole turns, in which every direction is seen."""
+        """Set a volume to the `back_parallel` of one slice of whole turns, in which every direction is seen."""
         _, ny, nx = self.grid.shape
         _, y_mm, x_mm = self.grid.axes_mm()
         pitch = rays.t_pitch_mm

@@ -84,7 +84,7 @@ class ParallelScan(NamedTuple):
 
 
 # Samples that are interpolated at a time. Neighboring angles read the same pixels, which then are in the cache.
-CACHED = 1 << 19
+SAMPLES_AT_ONCE = 1 << 19
 
 
 def rebin(rays: ParallelRays, stack: np.ndarray) -> Iterator[np.ndarray]:
@@ -101,29 +101,20 @@ def rebin(rays: ParallelRays, stack: np.ndarray) -> Iterator[np.ndarray]:
     """
     cosine = rays.cone_cosine
     for samples in rays.interleaved:
-        columns = np.stack(samples.column).astype(np.uint32)
-        weights = np.stack(
-            [
-                share * samples.known * cosine[spot, :, column].T
-                for share, spot, column in zip(
-                    (1 - samples.right_share, samples.right_share), samples.spot, samples.column, strict=True
-                )
-            ]
-        )
-        _, rows, width = weights.shape
-        together = max(1, CACHED // (rows * width))
+        columns, shares = np.stack(samples.column).astype(np.uint32), (1 - samples.right_share, samples.right_share)
+        weights = np.empty((2, rays.geometry.rows, columns.shape[1]), np.float32)
+        for sample, (spot, column) in enumerate(zip(samples.spot, samples.column, strict=True)):
+            weights[sample] = np.where(samples.known, shares[sample] * cosine[spot, :, column].T, 0)
+        together = max(1, SAMPLES_AT_ONCE // weights[0].size)
         for first in range(0, len(rays.view_of_angle), together):
             central = rays.view_of_angle[first : first + together, None]
-            before, after, later_share = zip(
-                *(
-                    rays.views_about(spot, central - fan / rays.view_step)
-                    for spot, fan in zip(samples.spot, samples.fan_rad, strict=True)
-                ),
-                strict=True,
-            )
-            images = np.empty((len(central), rows, width), np.float32)
-            views = np.stack([before, after]).astype(np.uint32)
-            _interpolate(images, stack, views, np.stack(later_share), columns, weights)
+            views = np.empty((2, 2, len(central), columns.shape[1]), np.uint32)
+            later_share = np.empty(views.shape[1:], np.float32)
+            for sample, (spot, fan) in enumerate(zip(samples.spot, samples.fan_rad, strict=True)):
+                about = rays.views_about(spot, central - fan / rays.view_step)
+                views[0, sample], views[1, sample], later_share[sample] = about
+            images = np.empty((len(central), *weights.shape[1:]), np.float32)
+            _interpolate(images, stack, views, later_share, columns, weights)
             yield images
 
 
@@ -157,7 +148,7 @@ def _interpolate(images, stack, views, later_share, columns, weights):
 # - total: sum of row weights, (z,); shares: row weight of each view, (view, z); image: level and angle of each view
 # - pair, near, height, slope: arguments of gather_line (columns.py), (view, column), `pair` as the number of the line
 # - start, stop: range of slices that a view sees, (view, column)
-# - inside, ahead: values of one view, (column,); see `_meet`
+# - inside, ahead: values of one view, (column,); see `_set_lines`
 Workspace = namedtuple("Workspace", "total shares image pair near height slope start stop inside ahead")
 
 
@@ -175,7 +166,7 @@ def empty_workspace(slices: int, views: int) -> Workspace:
 def _arcsine(sine):
     """Return the arcsine with a relative error below 3e-7, without branches or a call, so that a loop vectorizes.
 
-    The polynomial is that of asinf in Moshier's Cephes library (1992).
+    Polynomial of `asinf` in Moshier's Cephes library (1992).
     """
     size = abs(sine)
     large = size > 0.5
@@ -189,10 +180,10 @@ def _arcsine(sine):
 
 
 @compiled(inline="always", **OPTIONS)
-def _meet(workspace, view, count, level, angle, first_x, position_y, scan):
-    """Set the lines of one view for `count` voxel columns of a row.
+def _set_lines(workspace, view, count, level, angle, first_x, position_y, scan):
+    """Set row `view` of the workspace: the arguments of gather_line for `count` voxel columns.
 
-    The first and the last loop have neither branches nor look-ups, so that they vectorize.
+    The loop in the middle looks up lengths. The others have neither look-ups nor branches, so that they vectorize.
     """
     inside, ahead = workspace.inside, workspace.ahead
     pair, near, start, stop = workspace.pair[view], workspace.near[view], workspace.start[view], workspace.stop[view]
@@ -201,25 +192,21 @@ def _meet(workspace, view, count, level, angle, first_x, position_y, scan):
     dz, _, dx = scan.spacing
     cz, _, cx = scan.centre
     sine, cosine, columns = scan.sine[angle], scan.cosine[angle], np.float64(scan.columns)
-    radius, up, turn, lengths = (
-        scan.level_radius[level],
-        scan.level_z[level],
-        scan.level_turn[level],
-        scan.level_ahead[level],
-    )
+    radius, up, turn = scan.level_radius[level], scan.level_z[level], scan.level_turn[level]
+    lengths = scan.level_ahead[level]
     rows_per_mm, per_mm, per_radius = 1.0 / scan.row_pitch, 1.0 / scan.t_pitch, 1.0 / radius
     rise = scan.source_step / scan.view_step
     # Weights are above zero between the centers of the outermost rows; for a single row, in the whole row.
     seen_rows = np.float64(max(scan.rows - 1, 1))
     lowest = (scan.rows + 1 - seen_rows) * 0.5
     left = (first_x - (nx - 1) * 0.5) * dx + cx
-    first_t = left * cosine + position_y * sine - scan.first_t
-    first_depth = left * sine - position_y * cosine
+    left_t = left * cosine + position_y * sine
+    left_depth = left * sine - position_y * cosine
     bottom = cz - (nz - 1) * 0.5 * dz - (scan.source_z + up + scan.view_of_angle[angle] * scan.source_step)
     for k in range(count):
-        t = first_t + np.float64(np.int32(k)) * dx * cosine
-        across = t * per_mm + 1.0
-        inside[k] = (across >= 1.0) & (across <= columns) & (abs(t + scan.first_t) < radius)
+        t = left_t + np.float64(np.int32(k)) * dx * cosine
+        across = (t - scan.first_t) * per_mm + 1.0
+        inside[k] = (across >= 1.0) & (across <= columns) & (abs(t) < radius)
         across = min(max(across, 1.0), columns)
         pair[k] = np.int32(across)
         near[k] = np.float32(1.0 - (across - np.float64(pair[k])))
@@ -228,17 +215,16 @@ def _meet(workspace, view, count, level, angle, first_x, position_y, scan):
         ahead[k] = lengths[following] + near[k] * (lengths[own] - lengths[following])
     for k in range(count):
         x = np.float64(np.int32(k)) * dx
-        fan_sine = (first_t + scan.first_t + x * cosine) * per_radius
-        fan_sine = min(max(fan_sine, -1.0), 1.0)
+        fan_sine = min(max((left_t + x * cosine) * per_radius, -1.0), 1.0)
         fan_cosine = math.sqrt(1.0 - fan_sine * fan_sine)
-        depth = radius * fan_cosine + first_depth + x * sine
-        per_height = ahead[k] / (fan_cosine * depth) * rows_per_mm
+        depth = radius * fan_cosine + left_depth + x * sine
+        rows_per_height = ahead[k] / (fan_cosine * depth) * rows_per_mm
         # The view of a ray precedes that of the central ray of its angle.
         above = bottom + (_arcsine(fan_sine) + turn) * rise
-        at_bottom = above * per_height + (up - scan.first_row) * rows_per_mm + 1.0
-        begin, end = span(at_bottom - lowest, per_height * dz, seen_rows - 1.0, nz)
+        at_bottom = above * rows_per_height + (up - scan.first_row) * rows_per_mm + 1.0
+        begin, end = span(at_bottom - lowest, rows_per_height * dz, seen_rows - 1.0, nz)
         height[k] = np.float32(at_bottom)
-        slope[k] = np.float32(per_height * dz)
+        slope[k] = np.float32(rows_per_height * dz)
         start[k] = begin if inside[k] else 0
         stop[k] = end if inside[k] else 0
 
@@ -280,7 +266,7 @@ def back_project_parallel(volumes, seen, projections, first_y, last_y, scan, wor
                     views = 0
                     for level in range(levels):
                         for angle in range(direction, angles, half_turn):
-                            _meet(workspace, views, across, level, angle, x0, position_y, scan)
+                            _set_lines(workspace, views, across, level, angle, x0, position_y, scan)
                             image[views] = level * angles + angle
                             views += 1
                     for k in range(across):

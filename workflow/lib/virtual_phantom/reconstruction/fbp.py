@@ -116,7 +116,10 @@ class Filter:
 
 
 class ParallelProjections:
-    """Projections rebinned to parallel rays and filtered by each filter, for the engine's `back_parallel`."""
+    """Projections rebinned to parallel rays and filtered.
+
+    The first axis of `packed` is that of the filters: an array on the CPU, a list of device arrays on a GPU.
+    """
 
     def __init__(self, rays: ParallelRays, packed, lanes: int, engine: str):
         self.rays, self.packed, self.lanes, self.engine = rays, packed, lanes, engine
@@ -126,7 +129,7 @@ class ParallelProjections:
         cls,
         line_integrals: np.ndarray,
         geometry: ScanGeometry,
-        filters: Sequence[Filter] = (Filter(),),
+        filters: Sequence[Filter],
         clean: np.ndarray | None = None,
         engine: str = "cpu",
     ) -> ParallelProjections:
@@ -154,7 +157,9 @@ class ParallelProjections:
     def back(self, projector) -> np.ndarray:
         """Return back-projections, 1/mm, (filters, lanes, z, y, x). The projector's geometry and lanes must agree."""
         packed = projector.back_parallel(self.packed, self.rays, FULL_ROWS)
-        volumes = np.stack([projector.unpack_volume(volume) for volume in packed])
+        volumes = np.empty((len(packed), self.lanes, *projector.grid.shape), np.float32)
+        for volume, own in zip(volumes, packed, strict=True):
+            volume[...] = projector.unpack_volume(own)
         # Projections are truncated outside this radius. Scanners also show air there.
         centre_x, centre_y, _ = projector.centre_mm
         _, y, x = projector.grid.axes_mm()
@@ -165,7 +170,7 @@ class ParallelProjections:
 
 
 def _filtered(rays, line_integrals, filters, clean):
-    """Return `cpu.parallel_stacks`."""
+    """Return rebinned and filtered projections in the layout of `cpu.parallel_stacks`."""
     samples = len(rays.t_mm)
     n = _padded(samples)
 
@@ -173,20 +178,21 @@ def _filtered(rays, line_integrals, filters, clean):
         return _ramp(n, rays.t_pitch_mm, kernel)
 
     def spectra(stack):
-        return (fft.rfft(images, n, axis=-1) for images in parallel.rebin(rays, stack.astype(np.float32, copy=False)))
+        return (fft.rfft(one, n, axis=-1) for one in parallel.rebin(rays, np.ascontiguousarray(stack, np.float32)))
 
     packed = parallel_stacks(rays, len(filters), len(line_integrals))
     ramps = [(ramp(one.kernel), None if one.noise is None else one.gain * ramp(one.noise)) for one in filters]
-    with_clean = any(of_noise is not None for _, of_noise in ramps)
+    stacks = list(line_integrals)
+    if any(of_noise is not None for _, of_noise in ramps):
+        stacks.append(clean)
     first = 0
-    for found in zip(*map(spectra, [*([clean] if with_clean else []), *line_integrals]), strict=True):
+    for found in zip(*map(spectra, stacks), strict=True):
         own = slice(first, first + len(found[0]))
         for stack, (of_object, of_noise) in zip(packed, ramps, strict=True):
-            for lane, spectrum in enumerate(found[with_clean:]):
-                if of_noise is None:
-                    spectrum = spectrum * of_object
-                else:
-                    spectrum = (spectrum - found[0]) * of_noise + found[0] * of_object
+            # The filter of the noise applies to the difference from the noise-free projections, the last ones.
+            rest = 0 if of_noise is None else found[-1] * (of_object - of_noise)
+            for lane in range(len(line_integrals)):
+                spectrum = found[lane] * (of_object if of_noise is None else of_noise) + rest
                 stack[own, 1:-1, 1:-1, lane] = fft.irfft(spectrum, n, axis=-1)[..., :samples].swapaxes(1, 2)
         first = own.stop
     return packed

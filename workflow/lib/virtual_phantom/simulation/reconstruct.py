@@ -153,7 +153,10 @@ def reconstruct_images(
     mu_water_per_mm: float,
     threads: int = 1,
 ) -> Iterator[tuple[str, int, Volume]]:
-    """Reconstruct all realizations of all protocols that share scans, and filter once for each kernel.
+    """Reconstruct all realizations of all protocols that share scans.
+
+    Projections are filtered once for each kernel, for two kernels at a time. Images of both on the same voxels are
+    back-projected together.
 
     Parameters
     ----------
@@ -175,70 +178,74 @@ def reconstruct_images(
         For an unknown algorithm or a scan that it cannot use.
     """
     common = {"mu_water_per_mm": mu_water_per_mm, "threads": threads}
-    of_settings: dict[SirtSettings | FbpSettings, list[ImageSettings]] = {}
+    of_filter: dict[FbpSettings, list[ImageSettings]] = {}
     for image in images:
-        of_settings.setdefault(image.settings, []).append(image)
-    to_filter = [one for one, alike in of_settings.items() if filters_projections(alike[0].algorithm, one)]
-    for settings, alike in of_settings.items():
-        if settings in to_filter:
+        if filters_projections(image.algorithm, image.settings):
+            of_filter.setdefault(image.settings, []).append(image)
             continue
-        for lanes in _lanes_by(float(scan.angles_rad[0]) for scan in scans.geometries):
-            for image in alike:
-                how = image.algorithm, settings
-                scan = _taken(scans.line_integrals, lanes), scans.geometries[lanes[0]], grid, *how
-                volumes = reconstruct(*scan, engine=engine, physics=image.physics, **common)
-                yield from ((image.protocol, lane, volume) for lane, volume in zip(lanes, volumes, strict=True))
+        for lanes in _equal(float(scan.angles_rad[0]) for scan in scans.geometries):
+            scan = _some(scans.line_integrals, lanes), scans.geometries[lanes[0]], grid
+            how = {"engine": engine, "physics": image.physics, **common}
+            volumes = reconstruct(*scan, image.algorithm, image.settings, **how)
+            yield from ((image.protocol, lane, volume) for lane, volume in zip(lanes, volumes, strict=True))
     # Projections of two filters are in memory at once. On a GPU, those of one filter and one lane save memory.
     at_once, keys = (2, scans.sources) if engine == "cpu" else (1, range(len(scans.sources)))
-    for first in range(0, len(to_filter), at_once):
-        some = to_filter[first : first + at_once]
-        for lanes in _lanes_by(keys):
-            line_integrals, geometry = _taken(scans.line_integrals, lanes), scans.geometries[lanes[0]]
-            scan = line_integrals, geometry, some, scans.noise_free.get(scans.sources[lanes[0]]), engine
-            projections = filtered(*scan)
-            for which, alike in _of_one_place(some, of_settings, rois_files):
-                own = {}
-                if alike[0].voxels is None:
-                    voxels, boxes = grid, whole(grid)
-                    own["physics"] = alike[0].physics
-                    if (mtf := filter_factor(alike[0].physics or {})) is not None:
-                        own["with_filter"] = filtered(*scan, mtf).of_filters(which)
-                else:
-                    voxels = voxels_over(grid, alike[0].voxels.spacing_mm)
-                    _, masks = read_masks(rois_files[alike[0].protocol][lanes[0]], voxels)
-                    boxes = boxes_around(masks.values(), voxels)
-                    own["thickness_mm"] = alike[0].voxels.thickness_mm
-                made = back_project(projections.of_filters(which), voxels, boxes, **own, **common)
-                for image, volumes in zip(alike, made, strict=True):
-                    yield from ((image.protocol, lane, volume) for lane, volume in zip(lanes, volumes, strict=True))
-            del projections
+    filters = list(of_filter)
+    for first in range(0, len(filters), at_once):
+        some = {settings: of_filter[settings] for settings in filters[first : first + at_once]}
+        for lanes in _equal(keys):
+            yield from _filtered_images(some, scans, lanes, grid, rois_files, engine, common)
 
 
-def _of_one_place(settings, of_settings, rois_files):
-    """Yield images, or pairs of two filters that differ only in the filter, after the filters' numbers as a slice."""
+def _filtered_images(of_filter, scans, lanes, grid, rois_files, engine, common):
+    """Yield images of some realizations and filters, as `reconstruct_images` does."""
+    scan = _some(scans.line_integrals, lanes), scans.geometries[lanes[0]]
+    clean, filters = scans.noise_free.get(scans.sources[lanes[0]]), list(of_filter)
+    projections = filtered(*scan, filters, clean, engine)
+    for which, alike in _pairs(list(of_filter.values()), rois_files):
+        image, options = alike[0], {}
+        if image.voxels is None:
+            voxels, boxes = grid, whole(grid)
+            options["physics"] = image.physics
+            if (mtf := filter_factor(image.physics or {})) is not None:
+                options["with_filter"] = filtered(*scan, filters[which], clean, engine, mtf)
+        else:
+            voxels = voxels_over(grid, image.voxels.spacing_mm)
+            _, masks = read_masks(rois_files[image.protocol][lanes[0]], voxels)
+            boxes = boxes_around(masks.values(), voxels)
+            options["thickness_mm"] = image.voxels.thickness_mm
+        made = back_project(projections.of_filters(which), voxels, boxes, **options, **common)
+        for image, volumes in zip(alike, made, strict=True):
+            yield from ((image.protocol, lane, volume) for lane, volume in zip(lanes, volumes, strict=True))
 
-    def place(image):
-        return image.voxels, image.physics, rois_files.get(image.protocol)
 
-    waiting = [(number, image) for number, one in enumerate(settings) for image in of_settings[one]]
+def _pairs(of_filters, rois_files):
+    """Yield filters, as a slice of their numbers, and images that differ in the filter only: two of them, or one."""
+    waiting = [(number, image) for number, images in enumerate(of_filters) for image in images]
+
+    def differs_in_filter(one, other):
+        (number, image), (next_number, next_image) = one, other
+        rois = [rois_files.get(each.protocol) for each in (image, next_image)]
+        same = image.voxels == next_image.voxels and image.physics == next_image.physics and rois[0] == rois[1]
+        return same and next_number == number + 1
+
     while waiting:
-        number, image = waiting.pop(0)
-        other = next((one for one in waiting if one[0] == number + 1 and place(one[1]) == place(image)), None)
-        if other is not None:
+        one = waiting.pop(0)
+        others = [other for other in waiting if differs_in_filter(one, other)][:1]
+        for other in others:
             waiting.remove(other)
-        pair = [image] if other is None else [image, other[1]]
-        yield slice(number, number + len(pair)), pair
+        yield slice(one[0], one[0] + 1 + len(others)), [image for _, image in (one, *others)]
 
 
-def _lanes_by(keys: Iterable[Hashable]) -> list[list[int]]:
-    """Return the numbers of equal keys together, in the order in which they occur."""
+def _equal(keys: Iterable[Hashable]) -> list[list[int]]:
+    """Return lists of the numbers of equal keys, in the order in which the keys occur."""
     together: dict[Hashable, list[int]] = {}
-    for lane, key in enumerate(keys):
-        together.setdefault(key, []).append(lane)
+    for number, key in enumerate(keys):
+        together.setdefault(key, []).append(number)
     return list(together.values())
 
 
-def _taken(line_integrals: np.ndarray, lanes: list[int]) -> np.ndarray:
+def _some(line_integrals: np.ndarray, lanes: list[int]) -> np.ndarray:
     """Return some realizations, without a copy if these are all."""
     return line_integrals if len(lanes) == len(line_integrals) else line_integrals[lanes]
 
