@@ -25,7 +25,7 @@ ON_CPU = {"reconstruction": {"sirt": {"backprojector": "adjoint"}}}
 # {(configuration, engine)}: minutes of the shortest and the longest job of each stage.
 STAGES = ("phantom", "project", "reconstruct_sirt", "reconstruct_fbp", "merge_features", "noise_calibration")
 SHORTEST = dict.fromkeys(STAGES, (10, 10)) | {"extract": (30, 30)}
-LARGE = SHORTEST | {"reconstruct_fbp": (10, 13)}
+LARGE = SHORTEST | {"reconstruct_fbp": (10, 12)}
 LIMITS = {
     **{(name, "cpu"): SHORTEST for name in ("tiny", "paper_groups", "large", "abdomen")},
     ("config", "cpu"): {stage: limits for stage, limits in SHORTEST.items() if stage != "reconstruct_sirt"},
