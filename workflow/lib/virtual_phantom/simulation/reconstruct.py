@@ -221,20 +221,20 @@ def _filtered_images(of_filter, scans, lanes, grid, rois_files, engine, common):
 
 def _pairs(of_filters, rois_files):
     """Yield filters, as a slice of their numbers, and images that differ in the filter only: two of them, or one."""
-    waiting = [(number, image) for number, images in enumerate(of_filters) for image in images]
 
-    def differs_in_filter(one, other):
-        (number, image), (next_number, next_image) = one, other
-        rois = [rois_files.get(each.protocol) for each in (image, next_image)]
-        same = image.voxels == next_image.voxels and image.physics == next_image.physics and rois[0] == rois[1]
-        return same and next_number == number + 1
+    def all_else(image):
+        return image.voxels, image.physics, rois_files.get(image.protocol)
 
-    while waiting:
-        one = waiting.pop(0)
-        others = [other for other in waiting if differs_in_filter(one, other)][:1]
-        for other in others:
-            waiting.remove(other)
-        yield slice(one[0], one[0] + 1 + len(others)), [image for _, image in (one, *others)]
+    first, *second = of_filters
+    left = [image for images in second for image in images]
+    for image in first:
+        other = next((one for one in left if all_else(one) == all_else(image)), None)
+        if other is None:
+            yield slice(0, 1), [image]
+        else:
+            left.remove(other)
+            yield slice(0, 2), [image, other]
+    yield from ((slice(1, 2), [image]) for image in left)
 
 
 def _equal(keys: Iterable[Hashable]) -> list[list[int]]:
